@@ -1,0 +1,73 @@
+"""The one ``kernel`` decorator: every numba setting of the project, and where compiled code is cached.
+
+numba's own cache does not notice an edit in a kernel that another file defines, so the cache lies in a folder that is
+named by a hash of the sources: any edit compiles anew, an unchanged tree starts in seconds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+CACHE_ROOT = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sffr-gym"
+MAX_CACHE_AGE = 30 * 24 * 3600.0  # s, compiled code of older sources is removed after this
+
+_USER_CHOSE_CACHE = "NUMBA_CACHE_DIR" in os.environ
+_sources: list[Path] = []
+
+
+def cache_sources(package: Path) -> Path:
+    """Add a package's sources to the hash that names the cache folder, and point numba at that folder.
+
+    A package whose kernels call those of another one calls this before it defines any.
+
+    Args:
+        package: folder that holds the package's ``.py`` files.
+
+    Returns:
+        The folder in use; the user's own, if ``NUMBA_CACHE_DIR`` is set.
+    """
+    if _USER_CHOSE_CACHE:
+        return Path(numba.config.CACHE_DIR)
+    _sources.extend(sorted(package.glob("*.py")))
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in _sources)).hexdigest()[:16]
+    folder = CACHE_ROOT / digest
+    numba.config.CACHE_DIR = str(folder)
+    return folder
+
+
+def kernel(function: Callable[..., Any] | None = None, *, parallel: bool = False) -> Any:
+    """Compile a function of plain arrays and scalars, cached on disk.
+
+    Strict IEEE arithmetic: no ``fastmath``, so that ``isfinite`` sees NaN and a kernel gives the same bits wherever it
+    is inlined. Division by zero gives inf, as in NumPy. Kernels never raise.
+    """
+    if function is None:
+        return lambda f: kernel(f, parallel=parallel)
+    return numba.njit(cache=True, error_model="numpy", parallel=parallel)(function)
+
+
+def is_compiled(folder: Path | None = None) -> bool:
+    """Say whether compiled kernels of these very sources lie in the cache (a first run takes about a minute)."""
+    folder = folder or Path(numba.config.CACHE_DIR)
+    return folder.is_dir() and any(folder.rglob("*.nbi"))
+
+
+def remove_stale_caches() -> None:
+    """Remove the cache folders of sources that have not run for a while."""
+    if _USER_CHOSE_CACHE or not CACHE_ROOT.is_dir():
+        return
+    current = Path(numba.config.CACHE_DIR)
+    for folder in CACHE_ROOT.iterdir():
+        if folder != current and time.time() - folder.stat().st_mtime > MAX_CACHE_AGE:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+cache_sources(Path(__file__).parent)

@@ -1,0 +1,114 @@
+"""Initial states: from the parameters to positions and velocities that satisfy the grasps exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sffr_gym.beam import N_TIP, Array
+from sffr_gym.kinematics import arm_points, grasp_points, perpendicular, rotation
+from sffr_gym.model import N_BASE, Model, joint_slice, modal, mode_slice, n_positions, object_slice
+from sffr_gym.params import ConfigError, Params
+
+ASSEMBLY_TOLERANCE = 1.0e-14  # m, gap at which Newton's iteration stops
+ASSEMBLY_STEPS = 20
+LARGEST_ADJUSTMENT = 0.05  # rad, more than rounding of the joint angles can need
+
+
+def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
+    """Positions and velocities ``p, v`` (n,) of the configured start, the object in the grippers and at rest there.
+
+    Joint angles and rates of the grasping arms are corrected by what the pins ask for (rounding of Table IV's digits).
+
+    Raises:
+        ConfigError: if the end-effectors cannot reach the grasp points from the given joint angles.
+    """
+    p, v = np.zeros(n_positions(model)), np.zeros(n_positions(model))
+    rigid = slice(0, joint_slice(model).stop)
+    p[rigid], v[rigid] = params.initial.q, params.initial.qd
+    p[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qf))
+    v[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qfd))
+    if params.object is not None:
+        p[object_slice(model)] = _object_pose(model, p[rigid], v[rigid])
+        v[object_slice(model)] = _object_twist(model, p, v)
+        close_grasps(model, p, v)
+    return p, v
+
+
+def tip_displacement(params: Params, model: Model, tip: tuple) -> Array:
+    """Nodal coordinates (n_p, n_f) of panels whose tips are displaced: of each the static shape under tip loads.
+
+    Args:
+        params: the robot's parameters.
+        model: its arrays.
+        tip: three numbers for every panel, or three for each (axial m, transverse m, slope rad, or their rates).
+    """
+    n_p, n_f = model.shapes.shape[:2]
+    tips = np.broadcast_to(np.asarray(tip, dtype=float), (n_p, N_TIP))
+    length = params.panel.length
+    xi = np.arange(1, n_f // N_TIP + 1) / (n_f // N_TIP)
+    nodes = np.zeros((n_p, len(xi), N_TIP))
+    w, s = tips[:, 1, None], tips[:, 2, None] * length
+    nodes[:, :, 0] = tips[:, 0, None] * xi
+    nodes[:, :, 1] = w * (3 * xi**2 - 2 * xi**3) + s * (xi**3 - xi**2)
+    nodes[:, :, 2] = (w * (6 * xi - 6 * xi**2) + s * (3 * xi**2 - 2 * xi)) / length
+    return nodes.reshape(n_p, n_f)
+
+
+def close_grasps(model: Model, p: Array, v: Array) -> None:
+    """Move the joints of the grasping arms, in place, until every tip sits on its grasp point with its velocity.
+
+    Raises:
+        ConfigError: if the gap does not close within a small correction.
+    """
+    start = p[joint_slice(model)].copy()
+    n = joint_slice(model).stop
+    at = object_slice(model)
+    for _ in range(ASSEMBLY_STEPS):
+        targets = grasp_points(model, p[at])
+        gaps = []
+        for g, arm in enumerate(model.grasp_arm):
+            _, tip = arm_points(model, p[:n], v[:n], int(arm))
+            gaps.append(np.linalg.norm(targets[g] - tip.x))
+            joints = _joints(model, int(arm))
+            p[joints] += np.linalg.pinv(tip.J[:, joints]) @ (targets[g] - tip.x)
+        if max(gaps, default=0.0) < ASSEMBLY_TOLERANCE:
+            break
+    moved = np.abs(p[joint_slice(model)] - start).max(initial=0.0)
+    if not moved < LARGEST_ADJUSTMENT:
+        raise ConfigError(
+            f"initial.q: the end-effectors do not reach the object's grasp points: closing the grasp would move a joint "
+            f"by {moved:.3g} rad (at most {LARGEST_ADJUSTMENT} is taken for rounding); change initial.q or object.grasps"
+        )
+    for g, arm in enumerate(model.grasp_arm):
+        _, tip = arm_points(model, p[:n], v[:n], int(arm))
+        joints = _joints(model, int(arm))
+        r = rotation(p[at][2]) @ model.grasp_point[g]
+        wanted = v[at][:2] + v[at][2] * perpendicular(r)
+        v[joints] += np.linalg.pinv(tip.J[:, joints]) @ (wanted - tip.J @ v[:n])
+
+
+def _object_twist(model: Model, p: Array, v: Array) -> Array:
+    """The object's velocity (3,) that comes nearest to the tips' velocities: at rest relative to the grippers."""
+    n, at = joint_slice(model).stop, object_slice(model)
+    velocities, rows = [], []
+    for g, arm in enumerate(model.grasp_arm):
+        _, tip = arm_points(model, p[:n], v[:n], int(arm))
+        velocities.append(tip.J @ v[:n])
+        rows.append(np.column_stack([np.eye(2), perpendicular(rotation(p[at][2]) @ model.grasp_point[g])]))
+    return np.linalg.lstsq(np.vstack(rows), np.concatenate(velocities), rcond=None)[0]
+
+
+def _object_pose(model: Model, q: Array, qd: Array) -> Array:
+    """The pose whose grasp points lie nearest to the arms' tips (least squares; upright with a single grasp)."""
+    tips = np.array([arm_points(model, q, qd, int(arm))[1].x for arm in model.grasp_arm])
+    points = model.grasp_point
+    centre, middle = tips.mean(axis=0), points.mean(axis=0)
+    along = (tips - centre).ravel() @ (points - middle).ravel()
+    across = sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points - middle, tips - centre, strict=True))
+    angle = float(np.arctan2(across, along)) if len(tips) > 1 else float(q[2])
+    return np.append(centre - rotation(angle) @ middle, angle)
+
+
+def _joints(model: Model, arm: int) -> slice:
+    """Indices of an arm's joints in ``p``."""
+    return slice(N_BASE + int(model.arm_first[arm]), N_BASE + int(model.arm_first[arm + 1]))

@@ -1,0 +1,173 @@
+"""The robot as arrays: what the compiled kernels know of it, its coordinates, frames and signs.
+
+Frames and signs, stated once::
+
+                 left panel  (angle +pi/2)
+                      ^ x_L
+                      |
+              y_L <---+            arm 1 ---o--- joint 2
+                  .---------.      /
+                  |   ^ y   |-----o  joint 1, at the arm's mount
+     antenna o----|   |     |
+                  |   +--> x|-----o  arm 2 ...
+                  '---------'
+                      |  base frame: origin at the base's centre of mass, turned by the yaw beta from the inertial axes
+                      v
+                 right panel (angle -pi/2)
+
+- Angles are positive anticlockwise. A link's direction is ``beta + mount angle + sum of the joint angles up to it``.
+- A panel's x axis runs from its root to its tip; axial displacement is positive along x, transverse along its y.
+- ``Q_flex`` is the generalised force of the panels on the base: force along the inertial axes, moment about the base's
+  centre of mass. The panel's root feels the opposite (Eq. 4 with the sign written out).
+- A grasp force ``lam`` is the force of the object on the arm's tip; the object feels ``-lam``.
+- Thrusters push along the base axes. A joint torque acts on its link, and its reaction on the link or base before it.
+
+Positions ``p`` and velocities ``v`` of the plant are flat vectors: base ``x y beta`` (inertial), joint angles, each
+panel's clamped modal amplitudes, the object's ``x y phi`` (inertial; absent without an object).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sffr_gym.beam import N_TIP, Array, Beam, beam, clamped_modes
+from sffr_gym.params import Params
+
+N_BASE = 3  # x, y, yaw
+N_BODY = 3  # a planar body's coordinates: the object's
+STIFF = 0.2  # modes whose natural frequency times the step exceeds this go into the exponential part of the integrator
+
+IntArray = NDArray[np.int64]
+
+
+class Model(NamedTuple):
+    """Constants of the robot, ready for the kernels; made by :func:`pack`.
+
+    Arrays run over arms (n_a), links of all arms in order (n_l), panels (n_p), a panel's modes (n_m, the axial ones
+    first), grasps (n_g) and stiff modes (n_s).
+    """
+
+    base_mass: float
+    base_inertia: float
+    arm_first: IntArray  # (n_a + 1,) links of arm a are arm_first[a]:arm_first[a + 1]
+    arm_mount: Array  # (n_a, 3) mount x, y [m] and mount angle [rad], base frame
+    link_mass: Array  # (n_l,) [kg]
+    link_inertia: Array  # (n_l,) [kg m2] about the link's centre of mass
+    link_length: Array  # (n_l,) [m]
+    link_com: Array  # (n_l,) [m] centre of mass from the link's joint
+    panel_root: Array  # (n_p, 2) [m] base frame
+    panel_axis: Array  # (n_p, 2) cosine and sine of the panel's angle, base frame
+    panel_inertia: Array  # (n_p, 3) mass [kg], first [kg m] and second [kg m2] moment about the root
+    n_axial: int  # axial modes of each panel
+    omega2: Array  # (n_p, n_m) squared clamped frequencies [rad2/s2]
+    damping: Array  # (n_p, n_m) strain-rate damping eta omega^2 [1/s]
+    translation: Array  # (n_p, n_m) axial: integral of rho a U, bending: of rho a W [kg^(1/2)]
+    rotation: Array  # (n_p, n_m) axial: integral of rho a x U, bending: of rho a x W [kg^(1/2) m]
+    gyro: Array  # (n_p, n_m - n_axial, n_axial) integral of rho a W U'
+    shapes: Array  # (n_p, n_f, n_m) nodal coordinates of the modes; q_f = shapes @ eta
+    inverse: Array  # (n_p, n_m, n_f) shapes' M_ff: eta = inverse @ q_f
+    object_mass: float  # 0 without an object
+    object_inertia: float
+    grasp_arm: IntArray  # (n_g,) index of the arm that holds each grasp point
+    grasp_point: Array  # (n_g, 2) [m] object frame
+    baumgarte: float  # decay rate of constraint errors [1/s]
+    stiff: IntArray  # (n_s, 3) panel, mode and index in p of each stiff mode
+    stiff_omega: Array  # (n_s,) [rad/s]
+    eta: float  # strain-rate damping [s]
+
+
+def n_positions(model: Model) -> int:
+    """Length of the position vector ``p``."""
+    n_panels, n_modes = model.omega2.shape
+    return N_BASE + len(model.link_mass) + n_panels * n_modes + (N_BODY if model.object_mass > 0 else 0)
+
+
+def joint_slice(model: Model) -> slice:
+    """Joint angles in ``p``."""
+    return slice(N_BASE, N_BASE + len(model.link_mass))
+
+
+def mode_slice(model: Model) -> slice:
+    """Modal amplitudes in ``p``, panel by panel."""
+    start = N_BASE + len(model.link_mass)
+    return slice(start, start + model.omega2.size)
+
+
+def object_slice(model: Model) -> slice:
+    """The object's pose in ``p``; empty without an object."""
+    start = N_BASE + len(model.link_mass) + model.omega2.size
+    return slice(start, start + (N_BODY if model.object_mass > 0 else 0))
+
+
+def pack(params: Params) -> Model:
+    """Turn validated parameters into the arrays of the kernels."""
+    links = [link for arm in params.arms for link in arm.links]
+    panel, mounts = params.panel, params.panel.mounts
+    shape = panel_beam(params)
+    modes = clamped_modes(shape, panel.mode_cut)
+    omega2 = modes.omega**2
+    is_axial = np.arange(len(omega2)) < modes.n_axial
+    is_stiff = modes.omega * params.simulation.max_step > STIFF
+    gyro = modes.shapes[:, ~is_axial].T @ shape.N @ modes.shapes[:, is_axial]
+    names = [arm.name for arm in params.arms]
+    grasps = params.object.grasps if params.object else ()
+    n_p, n_m, first = len(mounts), len(omega2), N_BASE + len(links)
+    stiff = [(i, j, first + i * n_m + j) for i in range(n_p) for j in range(n_m) if is_stiff[j]]
+    return Model(
+        base_mass=params.base.mass,
+        base_inertia=params.base.inertia,
+        arm_first=np.cumsum([0, *(len(arm.links) for arm in params.arms)]),
+        arm_mount=np.array([(*arm.mount, arm.mount_angle) for arm in params.arms]).reshape(-1, 3),
+        link_mass=np.array([link.mass for link in links]),
+        link_inertia=np.array([link.inertia for link in links]),
+        link_length=np.array([link.length for link in links]),
+        link_com=np.array([link.com for link in links]),
+        panel_root=np.array([mount.root for mount in mounts]).reshape(-1, 2),
+        panel_axis=np.array([(np.cos(mount.angle), np.sin(mount.angle)) for mount in mounts]).reshape(-1, 2),
+        panel_inertia=_repeat(np.array([shape.mass, shape.first_moment, shape.second_moment]), n_p),
+        n_axial=modes.n_axial,
+        omega2=_repeat(omega2, n_p),
+        damping=_repeat(panel.strain_rate_damping * omega2, n_p),
+        translation=_repeat(np.where(is_axial, shape.S_x @ modes.shapes, shape.S_y @ modes.shapes), n_p),
+        rotation=_repeat(np.where(is_axial, shape.c_x @ modes.shapes, shape.c_y @ modes.shapes), n_p),
+        gyro=_repeat(gyro, n_p),
+        shapes=_repeat(modes.shapes, n_p),
+        inverse=_repeat(modes.shapes.T @ shape.M_ff, n_p),
+        object_mass=params.object.mass if params.object else 0.0,
+        object_inertia=params.object.inertia if params.object else 0.0,
+        grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
+        grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
+        baumgarte=params.simulation.baumgarte,
+        stiff=np.array(stiff, dtype=np.int64).reshape(-1, 3),
+        stiff_omega=np.tile(modes.omega[is_stiff], n_p),
+        eta=panel.strain_rate_damping,
+    )
+
+
+def panel_beam(params: Params) -> Beam:
+    """Shape integrals of the configured panel."""
+    panel = params.panel
+    return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+
+
+def nodal(model: Model, amplitudes: Array) -> Array:
+    """Elastic coordinates ``q_f`` (n_p, n_f) of all nodes from the modal amplitudes (n_p * n_m,)."""
+    return np.einsum("pfm,pm->pf", model.shapes, amplitudes.reshape(model.omega2.shape))
+
+
+def modal(model: Model, q_f: Array) -> Array:
+    """Modal amplitudes (n_p * n_m,) of nodal elastic coordinates (n_p, n_f); the part above the mode cut is lost."""
+    return np.einsum("pmf,pf->pm", model.inverse, q_f).ravel()
+
+
+def tip_rows(model: Model) -> Array:
+    """Rows of ``shapes`` that give the tip node's axial, transverse and slope coordinates, (n_p, 3, n_m)."""
+    return np.ascontiguousarray(model.shapes[:, -N_TIP:, :])
+
+
+def _repeat(values: Array, n_panels: int) -> Array:
+    """One contiguous copy of a panel's constants for each panel."""
+    return np.ascontiguousarray(np.broadcast_to(values, (n_panels, *values.shape)))

@@ -1,0 +1,281 @@
+"""The friendly face of the plant: states in, states out, in physical units and the paper's coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh, null_space
+
+from sffr_gym import monolithic
+from sffr_gym.actuators import generalized_forces, pack_actuators, saturate
+from sffr_gym.beam import N_TIP, Array
+from sffr_gym.dynamics import accelerations, flexible_wrench
+from sffr_gym.initial import initial_positions
+from sffr_gym.integrator import INTEGRATORS, advance, step_workspace
+from sffr_gym.kinematics import rotation
+from sffr_gym.model import joint_slice, modal, mode_slice, n_positions, nodal, object_slice, pack, panel_beam
+from sffr_gym.params import Params, load_params
+
+RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the robot is; SI units, frames and signs as in ``sffr_gym.model``.
+
+    Attributes:
+        t: time [s].
+        q, qd: (n,) base x, y, yaw and joint angles, and rates.
+        qf, qfd: (n_p, 3 elements) elastic coordinates of every node (axial m, transverse m, slope rad), tip last; rates.
+        obj, objd: (3,) the object's pose and velocity; None without an object.
+    """
+
+    t: float
+    q: Array
+    qd: Array
+    qf: Array
+    qfd: Array
+    obj: Array | None
+    objd: Array | None
+
+
+class Applied(NamedTuple):
+    """What the limits leave of a command, and which actuators they bound.
+
+    Attributes:
+        base: (3,) thrust along the base axes [N, N, N m].
+        joints: (n_l,) torques [N m].
+        volts: (n_p, n_c) piezo voltages [V].
+        piezo_tau: (n_p, 3) the piezos' forces on the tip coordinates [N, N, N m].
+        saturated: (n_u,) True for each saturated actuator, in the order of an action.
+    """
+
+    base: Array
+    joints: Array
+    volts: Array
+    piezo_tau: Array
+    saturated: np.ndarray
+
+
+class Simulator:
+    """The plant: rigid part, flexible panels, exact coupling, pinned object, actuators with limits.
+
+    Args:
+        params: the robot; the paper's case study if left out.
+        coupling: ``exact`` (all accelerations at once); from the parameters if left out.
+        integrator: ``etdrk4`` or ``rk4``; from the parameters if left out.
+        max_step: longest integration step [s]; from the parameters if left out.
+
+    Raises:
+        ConfigError: if the parameters are out of range or the grasp cannot be closed.
+        ValueError: for an unknown coupling or integrator.
+    """
+
+    def __init__(
+        self,
+        params: Params | None = None,
+        *,
+        coupling: str | None = None,
+        integrator: str | None = None,
+        max_step: float | None = None,
+    ) -> None:
+        given = {"coupling": coupling, "integrator": integrator, "max_step": max_step}
+        overrides = [f"simulation.{key}={value}" for key, value in given.items() if value is not None]
+        self.params = (params or load_params()).with_overrides(*overrides)
+        self.model = pack(self.params)
+        self.actuators = pack_actuators(self.params, self.model)
+        self._beam = panel_beam(self.params)
+        self._integrator = INTEGRATORS[self.params.simulation.integrator]
+        self._work = step_workspace(self.model)
+
+    def initial_state(self) -> State:
+        """The configured start (Table IV), the object held at rest relative to the grippers."""
+        return self._state(0.0, *initial_positions(self.params, self.model))
+
+    def step(
+        self,
+        state: State,
+        base: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
+        piezo_tau: ArrayLike | None = None,
+        piezo_volts: ArrayLike | None = None,
+        wrench: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> State:
+        """Advance by ``dt`` under held actuator forces and return the new state; the given one is not touched.
+
+        Args:
+            state: where to start.
+            base: (3,) thrust along the base axes [N, N, N m].
+            joints: (n_l,) joint torques [N m].
+            piezo_tau: (n_p, 3) wanted piezo forces on the tip coordinates [N, N, N m], or
+            piezo_volts: (n_p, n_c) voltages [V]; not both.
+            wrench: (3,) force of the surroundings on the base along the base axes and moment; it knows no limit.
+            dt: duration [s]; the control period if left out. Cut into steps of at most ``simulation.max_step``.
+
+        Raises:
+            ValueError: for a wrong shape, a number that is not finite, a duration that is not positive, or both
+                ``piezo_tau`` and ``piezo_volts``.
+        """
+        dt = self.params.control.period if dt is None else float(dt)
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ValueError(f"dt must be a positive number of seconds, got {dt}")
+        applied = self.applied(base, joints, piezo_tau, piezo_volts)
+        tau = self._forces(applied)
+        tau[:3] += _vector("wrench", wrench, (3,))
+        p, v = self._flat(state)
+        steps = int(np.ceil(dt / self.params.simulation.max_step - 1e-9))
+        advance(self.model, p, v, tau, dt, max(steps, 1), self._integrator, self._work)
+        return self._state(state.t + dt, p, v)
+
+    def applied(
+        self,
+        base: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
+        piezo_tau: ArrayLike | None = None,
+        piezo_volts: ArrayLike | None = None,
+    ) -> Applied:
+        """What the actuators' limits leave of a command; arguments and errors as in :meth:`step`."""
+        n_p, _, n_c = self.actuators.K_PZ.shape
+        if piezo_tau is not None and piezo_volts is not None:
+            raise ValueError("give piezo_tau or piezo_volts, not both")
+        volts = _vector("piezo_volts", piezo_volts, (n_p, n_c))
+        if piezo_tau is not None:
+            volts = np.einsum("pcf,pf->pc", self.actuators.allocation, _vector("piezo_tau", piezo_tau, (n_p, N_TIP)))
+        n_l = len(self.model.link_mass)
+        command = np.concatenate([volts.ravel(), _vector("base", base, (3,)), _vector("joints", joints, (n_l,))])
+        left = np.empty_like(command)
+        saturate(self.actuators, command, left)
+        volts = left[: volts.size].reshape(volts.shape)
+        forces = np.einsum("pfc,pc->pf", self.actuators.K_PZ, volts)
+        base_at = volts.size
+        return Applied(left[base_at : base_at + 3], left[base_at + 3 :], volts, forces, left != command)
+
+    def mass_matrix(self, state: State) -> Array:
+        """M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates."""
+        return self._assembled(state)[0]
+
+    def bias(self, state: State) -> Array:
+        """h (N,) of ``M zdd + h = Q``: velocity terms, elastic forces and strain-rate damping."""
+        return self._assembled(state)[1]
+
+    def acceleration(self, state: State, **command: ArrayLike | None) -> tuple[Array, Array, Array]:
+        """Accelerations ``qdd (n,), qfdd (n_p, n_f), objdd (3,)`` under a command as in :meth:`step`."""
+        _, a = self._evaluated(state, command)
+        at = joint_slice(self.model).stop
+        return a[:at], nodal(self.model, a[mode_slice(self.model)]), a[object_slice(self.model)]
+
+    def energy(self, state: State) -> float:
+        """Kinetic and strain energy of robot and object [J]."""
+        M, _ = self._assembled(state)
+        zd = np.concatenate([state.qd, state.qfd.ravel()])
+        energy = 0.5 * zd @ M @ zd + 0.5 * np.einsum("pf,fg,pg->", state.qf, self._beam.K, state.qf)
+        if state.objd is not None:
+            m, inertia = self.model.object_mass, self.model.object_inertia
+            energy += 0.5 * np.array([m, m, inertia]) @ state.objd**2
+        return float(energy)
+
+    def momentum(self, state: State) -> Array:
+        """Linear momentum and angular momentum about the inertial origin (3,) [N s, N s, N m s]."""
+        M, _ = self._assembled(state)
+        px, py, pz = (M @ np.concatenate([state.qd, state.qfd.ravel()]))[:3]
+        total = np.array([px, py, pz + state.q[0] * py - state.q[1] * px])
+        if state.obj is not None and state.objd is not None:
+            m = self.model.object_mass
+            spin = self.model.object_inertia * state.objd[2]
+            orbit = m * (state.obj[0] * state.objd[1] - state.obj[1] * state.objd[0])
+            total += np.array([m * state.objd[0], m * state.objd[1], spin + orbit])
+        return total
+
+    def q_flex(self, state: State, **command: ArrayLike | None) -> Array:
+        """Generalised force (n,) of the panels on the rigid part, Eq. 4; commands as in :meth:`step`."""
+        self._evaluated(state, command)
+        force = np.zeros_like(state.q)
+        force[:3] = flexible_wrench(self.model, self._flat(state)[1], self._work.dynamics)
+        return force
+
+    def grasp_forces(self, state: State, **command: ArrayLike | None) -> Array:
+        """Forces (n_g, 2) of the object on each gripper, inertial axes [N]; commands as in :meth:`step`."""
+        self._evaluated(state, command)
+        return self._work.dynamics.grasp[:, 13:15] @ rotation(state.q[2]).T
+
+    def constraint_drift(self, state: State) -> float:
+        """Largest distance of a gripper from its grasp point [m]; 0 without an object."""
+        if state.obj is None:
+            return 0.0
+        _, gap = monolithic.constraint_jacobian(self.model, state.q, state.qd, state.obj)
+        return float(np.linalg.norm(gap.reshape(-1, 2), axis=1).max(initial=0.0))
+
+    def frequencies(self, state: State) -> Array:
+        """Undamped natural angular frequencies about a configuration at rest [rad/s], rigid motion left out.
+
+        With an object the motion is restricted to what the pins allow.
+        """
+        n = len(state.q)
+        M, _ = self._assembled(state)
+        stiffness = np.zeros_like(M)
+        stiffness[n:, n:] = np.kron(np.eye(len(state.qf)), self._beam.K)
+        if state.obj is not None:
+            m, inertia = self.model.object_mass, self.model.object_inertia
+            J, _ = monolithic.constraint_jacobian(self.model, state.q, 0 * state.qd, state.obj)
+            J = np.hstack([J[:, :n], np.zeros((len(J), len(M) - n)), J[:, n:]])
+            allowed = null_space(J)
+            padded = np.zeros((len(M) + 3, len(M) + 3))
+            padded[: len(M), : len(M)] = M
+            padded[-3:, -3:] = np.diag([m, m, inertia])
+            M = allowed.T @ padded @ allowed
+            stiffness = allowed.T @ np.pad(stiffness, (0, 3)) @ allowed
+        squares = eigh(stiffness, M, eigvals_only=True)
+        omega = np.sqrt(np.clip(squares, 0.0, None))
+        return omega[omega > RIGID_MODE]
+
+    def _evaluated(self, state: State, command: dict[str, ArrayLike | None]) -> tuple[Array, Array]:
+        """Evaluate the equations of motion; returns forces and accelerations and leaves the rest in the buffers."""
+        wrench = _vector("wrench", command.pop("wrench", None), (3,))
+        tau = self._forces(self.applied(**command))
+        tau[:3] += wrench
+        out = np.empty_like(tau)
+        accelerations(self.model, *self._flat(state), tau, self._work.dynamics, out)
+        return tau, out
+
+    def _forces(self, applied: Applied) -> Array:
+        """Generalised forces (n,) of an applied command."""
+        tau = np.zeros(n_positions(self.model))
+        command = np.concatenate([applied.volts.ravel(), applied.base, applied.joints])
+        generalized_forces(self.model, self.actuators, command, tau)
+        return tau
+
+    def _assembled(self, state: State) -> tuple[Array, Array]:
+        return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
+
+    def _flat(self, state: State) -> tuple[Array, Array]:
+        """Positions and velocities of a state as the kernels know them."""
+        p, v = (
+            np.concatenate([rigid, modal(self.model, elastic), [] if body is None else body])
+            for rigid, elastic, body in ((state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd))
+        )
+        return p, v
+
+    def _state(self, t: float, p: Array, v: Array) -> State:
+        """The state of flat positions and velocities."""
+        at, elastic, body = joint_slice(self.model).stop, mode_slice(self.model), object_slice(self.model)
+        has_object = body.stop > body.start
+        return State(
+            t, p[:at].copy(), v[:at].copy(), nodal(self.model, p[elastic]), nodal(self.model, v[elastic]),
+            p[body].copy() if has_object else None, v[body].copy() if has_object else None,
+        )  # fmt: skip
+
+
+def _vector(name: str, value: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    """A finite array of the given shape; zeros for None."""
+    if value is None:
+        return np.zeros(shape)
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has entries that are not finite: {array.tolist()}")
+    return array
