@@ -1,7 +1,7 @@
 """The one ``kernel`` decorator: every numba setting of the project, and where compiled code is cached.
 
 numba's own cache does not notice an edit in a kernel that another file defines, so the cache lies in a folder that is
-named by a hash of the sources: any edit compiles anew, an unchanged tree starts in seconds.
+named by a hash of the sources that speak of kernels: an edit there compiles anew, an unchanged tree starts in seconds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CACHE_ROOT = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "s
 MAX_CACHE_AGE = 30 * 24 * 3600.0  # s, compiled code of older sources is removed after this
 
 _USER_CHOSE_CACHE = "NUMBA_CACHE_DIR" in os.environ
-_sources: list[Path] = []
+_sources: list[bytes] = []
 
 
 def cache_sources(package: Path) -> Path:
@@ -36,22 +36,22 @@ def cache_sources(package: Path) -> Path:
     """
     if _USER_CHOSE_CACHE:
         return Path(numba.config.CACHE_DIR)
-    _sources.extend(sorted(package.glob("*.py")))
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in _sources)).hexdigest()[:16]
+    _sources.extend(text for path in sorted(package.glob("*.py")) if b"kernel" in (text := path.read_bytes()))
+    digest = hashlib.sha256(b"".join(_sources)).hexdigest()[:16]
     folder = CACHE_ROOT / digest
     numba.config.CACHE_DIR = str(folder)
     return folder
 
 
-def kernel(function: Callable[..., Any] | None = None, *, parallel: bool = False) -> Any:
+def kernel(function: Callable[..., Any] | None = None, *, nogil: bool = False) -> Any:
     """Compile a function of plain arrays and scalars, cached on disk.
 
     Strict IEEE arithmetic: no ``fastmath``, so that ``isfinite`` sees NaN and a kernel gives the same bits wherever it
     is inlined. Division by zero gives inf, as in NumPy. Kernels never raise.
     """
     if function is None:
-        return lambda f: kernel(f, parallel=parallel)
-    return numba.njit(cache=True, error_model="numpy", parallel=parallel)(function)
+        return lambda f: kernel(f, nogil=nogil)
+    return numba.njit(cache=True, error_model="numpy", nogil=nogil)(function)
 
 
 def is_compiled(folder: Path | None = None) -> bool:

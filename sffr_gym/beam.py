@@ -14,7 +14,7 @@ from scipy.linalg import block_diag, eigh
 
 Array = NDArray[np.float64]
 
-N_TIP = 3  # elastic coordinates of one node: axial, transverse, slope
+N_TIP = 3  # elastic coordinates of one node: axial, transverse, slope (the kernels read this number)
 
 
 class Beam(NamedTuple):

@@ -20,7 +20,7 @@ import numpy as np
 from sffr_gym import arms, panel
 from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
-from sffr_gym.model import N_BASE, Model
+from sffr_gym.model import N_BASE
 
 
 class Work(NamedTuple):
@@ -42,11 +42,17 @@ class Work(NamedTuple):
     column: Array  # (3,) right-hand side of the base
 
 
-def workspace(model: Model) -> Work:
+@kernel
+def workspace(model):
     """Allocate the buffers of :func:`accelerations` for a robot."""
-    n_l, n_a, (n_p, n_m), n_g = len(model.link_mass), len(model.arm_mount), model.omega2.shape, len(model.grasp_arm)
-    shapes = (n_l,), (n_l,), (n_l,), (n_l, 6), (n_a, 9), (n_p, 2, n_m), (n_p, 8), (n_g, 15)
-    return Work(*(np.zeros(s) for s in (*shapes, (3, 3), (3, 3), (3, 3), (6,), (2,), (3,))))
+    n_l, n_a, n_g = len(model.link_mass), len(model.arm_mount), len(model.grasp_arm)
+    n_p, n_m = model.omega2.shape
+    return Work(
+        c=np.zeros(n_l), s=np.zeros(n_l), rate=np.zeros(n_l), joint=np.zeros((n_l, 6)), tip=np.zeros((n_a, 9)),
+        elastic=np.zeros((n_p, 2, n_m)), root=np.zeros((n_p, 8)), grasp=np.zeros((n_g, 15)),
+        base_inv=np.zeros((3, 3)), object_inv=np.zeros((3, 3)), cross=np.zeros((3, 3)),
+        acceleration=np.zeros(6), heading=np.zeros(2), column=np.zeros(3),
+    )  # fmt: skip
 
 
 @kernel

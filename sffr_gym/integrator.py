@@ -16,8 +16,8 @@ import numpy as np
 
 from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
-from sffr_gym.dynamics import Work, accelerations, stiff_response, workspace
-from sffr_gym.model import N_BASE, Model, n_positions
+from sffr_gym.dynamics import Work, accelerations, flexible_wrench, stiff_response, workspace
+from sffr_gym.model import n_positions
 
 ETDRK4, RK4 = 0, 1
 INTEGRATORS = {"etdrk4": ETDRK4, "rk4": RK4}
@@ -40,13 +40,20 @@ class StepWork(NamedTuple):
     mode: Array  # (n_s, 6) mu^2, eta mu^2 and the transition of half a step; see _transition
     z: Array  # (3, 2, n_s) coupled amplitudes and rates at the start and two stages
     g: Array  # (4, n_s) slow accelerations of the coupled modes
+    q_flex: Array  # (3,) the panels' wrench on the base at the start of the last step
+    lam: Array  # (n_g, 2) grasp forces there, base axes
 
 
-def step_workspace(model: Model) -> StepWork:
+@kernel
+def step_workspace(model):
     """Allocate the buffers of :func:`advance` for a robot."""
     n, n_s = n_positions(model), len(model.stiff)
-    shapes = (3, n), (3, n), (4, n), (n_s, n), (n_s, n), (n_s, n_s), (n_s, n_s), (n_s, 6), (3, 2, n_s), (4, n_s)
-    return StepWork(workspace(model), *(np.zeros(s) for s in shapes))
+    return StepWork(
+        dynamics=workspace(model), p=np.zeros((3, n)), v=np.zeros((3, n)), a=np.zeros((4, n)),
+        W=np.zeros((n_s, n)), R=np.zeros((n_s, n)), K=np.zeros((n_s, n_s)), V=np.zeros((n_s, n_s)),
+        mode=np.zeros((n_s, 6)), z=np.zeros((3, 2, n_s)), g=np.zeros((4, n_s)),
+        q_flex=np.zeros(3), lam=np.zeros((len(model.grasp_arm), 2)),
+    )  # fmt: skip
 
 
 @kernel
@@ -76,6 +83,8 @@ def _rk4(model, p, v, tau, h, work):
     sum_v[:] = 0.0
     for stage in range(4):
         accelerations(model, stage_p, stage_v, tau, inner, a[0])
+        if stage == 0:
+            _keep_forces(model, v, work)
         weight = h / 6.0 if stage in (0, 3) else h / 3.0
         ahead = h if stage == 2 else 0.5 * h
         for i in range(n):
@@ -98,6 +107,7 @@ def _etdrk4(model, p, v, tau, h, work):
     P, V, a, z, inner = work.p, work.v, work.a, work.z, work.dynamics
     half = 0.5 * h
     accelerations(model, p, v, tau, inner, a[0])
+    _keep_forces(model, v, work)
     _freeze(model, p, v, half, work)
     _slow_part(model, 0, 0, work)
 
@@ -118,6 +128,14 @@ def _etdrk4(model, p, v, tau, h, work):
     _slow_part(model, 3, 2, work)
 
     _quadratic_forcing(p, v, h, work)
+
+
+@kernel
+def _keep_forces(model, v, work):
+    """Keep the internal forces of the first evaluation, whose buffers the next ones overwrite."""
+    work.q_flex[0], work.q_flex[1], work.q_flex[2] = flexible_wrench(model, v, work.dynamics)
+    for g in range(len(model.grasp_arm)):
+        work.lam[g, 0], work.lam[g, 1] = work.dynamics.grasp[g, 13], work.dynamics.grasp[g, 14]
 
 
 @kernel

@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sffr_gym._jit import kernel
 from sffr_gym.beam import N_TIP, Array, Beam, beam, clamped_modes
 from sffr_gym.params import Params
 
@@ -79,10 +80,10 @@ class Model(NamedTuple):
     eta: float  # strain-rate damping [s]
 
 
-def n_positions(model: Model) -> int:
+@kernel
+def n_positions(model):
     """Length of the position vector ``p``."""
-    n_panels, n_modes = model.omega2.shape
-    return N_BASE + len(model.link_mass) + n_panels * n_modes + (N_BODY if model.object_mass > 0 else 0)
+    return N_BASE + len(model.link_mass) + model.omega2.size + (N_BODY if model.object_mass > 0.0 else 0)
 
 
 def joint_slice(model: Model) -> slice:

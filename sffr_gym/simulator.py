@@ -93,7 +93,7 @@ class Simulator:
 
     def initial_state(self) -> State:
         """The configured start (Table IV), the object held at rest relative to the grippers."""
-        return self._state(0.0, *initial_positions(self.params, self.model))
+        return self.unflatten(0.0, *initial_positions(self.params, self.model))
 
     def step(
         self,
@@ -129,7 +129,7 @@ class Simulator:
         p, v = self._flat(state)
         steps = int(np.ceil(dt / self.params.simulation.max_step - 1e-9))
         advance(self.model, p, v, tau, dt, max(steps, 1), self._integrator, self._work)
-        return self._state(state.t + dt, p, v)
+        return self.unflatten(state.t + dt, p, v)
 
     def applied(
         self,
@@ -259,8 +259,8 @@ class Simulator:
         )
         return p, v
 
-    def _state(self, t: float, p: Array, v: Array) -> State:
-        """The state of flat positions and velocities."""
+    def unflatten(self, t: float, p: Array, v: Array) -> State:
+        """The state of the kernels' flat positions and velocities ``p, v`` (n,)."""
         at, elastic, body = joint_slice(self.model).stop, mode_slice(self.model), object_slice(self.model)
         has_object = body.stop > body.start
         return State(

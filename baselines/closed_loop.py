@@ -1,0 +1,123 @@
+"""The compiled closed loop: law and plant over many control periods in one call, on the observation alone.
+
+The same kernels as behind ``SFFRFlex-v0``, so that stepping a policy through the Gymnasium interface gives the same
+trajectory.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baselines.mic import Layout, mic, mic_workspace
+from baselines.suppression import Suppression, suppress
+from sffr_gym._jit import kernel
+from sffr_gym.beam import Array
+from sffr_gym.model import N_BASE, IntArray, Model
+from sffr_gym.reference import Reference
+from sffr_gym.task import RUNNING, control_period
+
+
+class Law(NamedTuple):
+    """HSC and its relatives as one compiled law; everything here is what the controller believes.
+
+    Attributes:
+        prior: the robot.
+        reference: the formation that the task asks for.
+        held: joints that hold their angles.
+        Kp, Kd: gains [1/s2, 1/s].
+        layout: places in the observation.
+        suppression: the panels' law.
+        allocation: (n_p, n_c, 3) volts for a wanted tip force.
+        scale: (n_u,) command of a unit action.
+    """
+
+    prior: Model
+    reference: Reference
+    held: IntArray
+    Kp: float
+    Kd: float
+    layout: Layout
+    suppression: Suppression
+    allocation: Array
+    scale: Array
+
+
+class Record(NamedTuple):
+    """What the loop keeps: signals of every period, the rest of every ``stride``-th, at its start.
+
+    Attributes:
+        signals: (n_ticks, N_SIGNALS); see ``task.SIGNALS``.
+        stride: periods between two rows of the rest.
+        p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) states, observations, commands after the limits, virtual
+            damping, Q_flex and grasp forces (base axes).
+    """
+
+    signals: Array
+    stride: int
+    p: Array
+    v: Array
+    obs: Array
+    applied: Array
+    B_hat: Array
+    q_flex: Array
+    lam: Array
+
+
+@kernel
+def control(law, obs, B_hat, work, command):
+    """Write the command (n_u,) of the law for an observation and adapt ``B_hat`` (n_p, 3) in place.
+
+    work: a :class:`mic.MicWork`.
+    """
+    n_volts = law.allocation.shape[0] * law.allocation.shape[1]
+    limit = law.scale[:n_volts]
+    yaw_rate = obs[law.layout.yaw_rate]
+    suppress(law.suppression, law.allocation, limit, obs, law.layout.elastic, yaw_rate, B_hat, command[:n_volts])
+    mic(
+        law.prior, law.reference, law.held, law.Kp, law.Kd, law.layout, obs, work,
+        command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :],
+    )  # fmt: skip
+
+
+@kernel
+def act(law, obs, B_hat, actions):
+    """Write the actions (n, n_u) for observations (n, n_o), adapting ``B_hat`` (n, n_p, 3) in place."""
+    work = mic_workspace(law.prior)
+    for i in range(len(obs)):
+        control(law, obs[i], B_hat[i], work, actions[i])
+        for k in range(len(law.scale)):
+            actions[i, k] /= law.scale[k]
+
+
+@kernel(nogil=True)
+def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
+    """Run law and plant from period ``first`` up to ``last``, in place.
+
+    p, v: (n,) positions and velocities; obs: (n_o,) their observation; B_hat: (n_p, 3) virtual damping.
+    record: written; its rows count from period 0.
+
+    Returns the number of periods that ran and the status of the last one.
+    """
+    work = mic_workspace(law.prior)
+    command, wrench = np.zeros(len(law.scale)), np.zeros(3)
+    for tick in range(first, last):
+        keep = tick % record.stride == 0
+        row = tick // record.stride
+        if keep:
+            record.p[row, :], record.v[row, :], record.obs[row, :] = p, v, obs
+            record.B_hat[row, :, :] = B_hat
+        control(law, obs, B_hat, work, command)
+        for k in range(len(command)):  # an action's bounds, as in the environment
+            command[k] = min(max(command[k] / law.scale[k], -1.0), 1.0) * robot.scale[k]
+        t_end = (tick + 1) * robot.period
+        outcome = control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, record.signals[tick])
+        if keep:
+            record.applied[row, :] = buffers.applied
+            record.q_flex[row, :], record.lam[row, :, :] = buffers.step.q_flex, buffers.step.lam
+        if outcome != RUNNING:
+            return tick + 1, outcome
+    return last, RUNNING
+
+

@@ -1,0 +1,155 @@
+"""Policies by name: ``none``, ``random``, ``hsc``, ``ahsc``, ``ahsc-filtered``. They act on the observation alone."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, Protocol
+
+import numpy as np
+
+from baselines.closed_loop import Law, act
+from baselines.mic import layout
+from baselines.suppression import damped_coordinates, make_suppression
+from sffr_gym.actuators import pack_actuators
+from sffr_gym.beam import N_TIP, Array
+from sffr_gym.initial import initial_positions
+from sffr_gym.model import pack
+from sffr_gym.observation import held_joints, observation_fields
+from sffr_gym.params import Params
+from sffr_gym.reference import circle_reference
+
+
+class Policy(Protocol):
+    """Anything that turns observations into actions.
+
+    Attributes:
+        name: what tables call it.
+    """
+
+    name: str
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the last episode; ``seed`` fixes what the policy itself draws."""
+
+    def __call__(self, obs: Array) -> Array:
+        """Actions (n_u,) for an observation (n_o,), or (n, n_u) for (n, n_o) of as many environments."""
+
+
+class LawPolicy:
+    """A controller of the paper: MIC for the rigid part, virtual damping for the panels.
+
+    Args:
+        name: what tables call it.
+        prior: what the controller believes of the robot.
+        active, adaptive, filtered: see :func:`suppression.make_suppression`.
+
+    Attributes:
+        law: its compiled form, for the closed loop.
+        B_hat: (n, n_p, 3) virtual damping of each environment; None before the first observation.
+    """
+
+    def __init__(self, name: str, prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> None:
+        self.name = name
+        self.law = make_law(prior, active=active, adaptive=adaptive, filtered=filtered)
+        self.B_hat: Array | None = None
+
+    def reset(self, seed: int | None = None) -> None:
+        """Put the virtual damping back to its start."""
+        self.B_hat = None
+
+    def initial_damping(self) -> Array:
+        """Virtual damping (n_p, 3) at the start of an episode."""
+        law = self.law.suppression
+        return np.tile(law.B0 * law.damped, (len(self.law.allocation), 1))
+
+    def __call__(self, obs: Array) -> Array:
+        """Actions for one observation or a batch of them; see :class:`Policy`.
+
+        Raises:
+            ValueError: if the number of environments changes without a reset.
+        """
+        rows = np.atleast_2d(np.asarray(obs, dtype=np.float64))
+        if self.B_hat is None:
+            self.B_hat = np.tile(self.initial_damping(), (len(rows), 1, 1))
+        if len(self.B_hat) != len(rows):
+            raise ValueError(f"observations of {len(self.B_hat)} environments expected, got {len(rows)}; call reset")
+        actions = np.empty((len(rows), len(self.law.scale)))
+        act(self.law, rows, self.B_hat, actions)
+        return actions.reshape(*np.shape(obs)[:-1], -1)
+
+
+class RandomPolicy:
+    """Uniform actions over the whole range.
+
+    Args:
+        n_actions: length of an action.
+    """
+
+    name = "random"
+
+    def __init__(self, n_actions: int) -> None:
+        self._n_actions = n_actions
+        self._rng = np.random.default_rng()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Start a new stream of random numbers."""
+        self._rng = np.random.default_rng(seed)
+
+    def __call__(self, obs: Array) -> Array:
+        """Draw actions; see :class:`Policy`."""
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(obs)[:-1], self._n_actions))
+
+
+POLICIES = {
+    "none": "piezos off, multiple impedance control alone",
+    "random": "uniform actions",
+    "hsc": "hybrid suppression control: constant virtual damping",
+    "ahsc": "adaptive hybrid suppression control, the printed law (Y = e)",
+    "ahsc-filtered": "the same with the filtered output (Y = e_dot + psi e)",
+}
+_LAWS = {
+    "none": {"active": False, "adaptive": False},
+    "hsc": {"active": True, "adaptive": False},
+    "ahsc": {"active": True, "adaptive": True},
+    "ahsc-filtered": {"active": True, "adaptive": True, "filtered": True},
+}
+
+
+def make_policy(name: str, env: Any) -> Policy:
+    """Build a policy by name for an environment, single or vector, or for ``Params``.
+
+    Raises:
+        ValueError: for an unknown name (with the nearest one).
+    """
+    if name not in POLICIES:
+        near = difflib.get_close_matches(name, POLICIES, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"unknown policy {name!r}{hint} (known: {', '.join(POLICIES)})")
+    prior: Params = env if isinstance(env, Params) else env.unwrapped.params
+    if name == "random":
+        return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
+    return LawPolicy(name, prior, **_LAWS[name])
+
+
+def make_law(prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> Law:
+    """Pack what the controller believes for the compiled loop."""
+    model = pack(prior)
+    actuators = pack_actuators(prior, model)
+    p, _ = initial_positions(prior, model)
+    return Law(
+        prior=model,
+        reference=circle_reference(prior, model, p),
+        held=held_joints(model),
+        Kp=prior.control.Kp,
+        Kd=prior.control.Kd,
+        layout=layout(observation_fields(model, prior)),
+        suppression=make_suppression(prior, active=active, adaptive=adaptive, filtered=filtered),
+        allocation=actuators.allocation,
+        scale=actuators.limit,
+    )
+
+
+def left_out(prior: Params) -> tuple[str, ...]:
+    """Tip coordinates that the law leaves undamped at the chosen control period, for the user to know."""
+    damped = damped_coordinates(prior)
+    return tuple(name for name in ("q4", "q5", "q6")[:N_TIP] if name not in damped)

@@ -1,0 +1,130 @@
+"""Episodes: a policy in an environment from start to end, with everything that measures and pictures need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from baselines.closed_loop import Record, run
+from baselines.policies import LawPolicy, Policy
+from sffr_gym.beam import Array
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.model import n_positions
+from sffr_gym.reference import Reference
+from sffr_gym.task import N_SIGNALS, REASONS, RUNNING, SIGNALS, make_buffers
+
+STRIDE = 25  # control periods between recorded states: 50 ms at the default period
+PIECE = 2000  # control periods between two reports of progress
+
+Progress = Callable[[int], Any]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One episode.
+
+    Attributes:
+        policy, scenario: names; seed: of the episode.
+        period: control period [s].
+        signals: (n_ticks, N_SIGNALS) see ``task.SIGNALS``.
+        t: (rows,) times of the recorded states [s].
+        p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) see :class:`closed_loop.Record`.
+        reference: the desired motion.
+        fields: layout of the observation.
+        failure: why it ended early; empty if it did not.
+        drawn: what the scenario drew.
+    """
+
+    policy: str
+    scenario: str
+    seed: int
+    period: float
+    signals: Array
+    t: Array
+    p: Array
+    v: Array
+    obs: Array
+    applied: Array
+    B_hat: Array
+    q_flex: Array
+    lam: Array
+    reference: Reference
+    fields: dict[str, Any]
+    failure: str
+    drawn: dict[str, float] = field(default_factory=dict)
+
+
+def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None) -> Trajectory:
+    """Run one episode: in the compiled loop if the policy is one of the paper's laws, else through the interface.
+
+    Args:
+        env: the bare environment.
+        policy: any policy.
+        seed: of the episode; the same seed gives the same episode to every policy.
+        progress: called with the number of control periods done since its last call.
+    """
+    obs, info = env.reset(seed=seed)
+    policy.reset(seed=seed)
+    ticks = env.scenario.ticks(env.params)
+    record = _make_record(env, ticks)
+    runner = _run_compiled if isinstance(policy, LawPolicy) else _run_stepwise
+    done, failure = runner(env, policy, obs, ticks, record, progress or (lambda _: None))
+    rows = (done - 1) // STRIDE + 1
+    kept = {name: getattr(record, name)[:rows] for name in Record._fields[2:]}
+    return Trajectory(
+        policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.robot.period,
+        signals=record.signals[:done], t=np.arange(rows) * STRIDE * env.robot.period, **kept,
+        reference=env.reference, fields=env.fields, failure=failure, drawn=info["drawn"],
+    )  # fmt: skip
+
+
+def _run_compiled(
+    env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
+) -> tuple[int, str]:
+    """The compiled closed loop, in pieces so that progress can be shown."""
+    p, v, obs, B_hat = env.positions, env.velocities, obs.copy(), policy.initial_damping()
+    buffers = make_buffers(env.robot)
+    done, outcome = 0, RUNNING
+    while done < ticks and outcome == RUNNING:
+        end = min(done + PIECE, ticks)
+        reached, outcome = run(env.robot, env.reference, policy.law, buffers, done, end, p, v, obs, B_hat, record)
+        progress(reached - done)
+        done = reached
+    return done, REASONS[outcome]
+
+
+def _run_stepwise(
+    env: SFFRFlexEnv, policy: Policy, obs: Array, ticks: int, record: Record, progress: Progress
+) -> tuple[int, str]:
+    """Step after step through the Gymnasium interface, for any policy."""
+    for tick in range(ticks):
+        row, keep = tick // STRIDE, tick % STRIDE == 0
+        if keep:
+            record.p[row], record.v[row], record.obs[row] = env.positions, env.velocities, obs
+            record.B_hat[row] = np.nan  # not a law with a virtual damping
+        obs, _, terminated, _, info = env.step(policy(obs))
+        record.signals[tick] = [info[name] for name in SIGNALS]
+        if keep:
+            record.applied[row] = info["applied"]
+            record.q_flex[row] = np.nan
+            record.lam[row] = np.nan
+        if (tick + 1) % PIECE == 0:
+            progress(PIECE)
+        if terminated:
+            return tick + 1, info["failure"]
+    return ticks, ""
+
+
+def _make_record(env: SFFRFlexEnv, ticks: int) -> Record:
+    """Allocate what an episode leaves."""
+    robot, rows = env.robot, (ticks - 1) // STRIDE + 1
+    n, n_p = n_positions(robot.model), len(robot.model.panel_root)
+    return Record(
+        signals=np.zeros((ticks, N_SIGNALS)), stride=STRIDE, p=np.zeros((rows, n)), v=np.zeros((rows, n)),
+        obs=np.zeros((rows, len(robot.bound))), applied=np.zeros((rows, len(robot.scale))),
+        B_hat=np.zeros((rows, n_p, 3)), q_flex=np.zeros((rows, 3)),
+        lam=np.zeros((rows, len(robot.model.grasp_arm), 2)),
+    )  # fmt: skip

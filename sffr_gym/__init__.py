@@ -1,0 +1,16 @@
+"""A free-flying space robot with flexible panels: simulator, Gymnasium environments and benchmark task."""
+
+import gymnasium
+
+from sffr_gym.params import ConfigError, Params, load_params
+from sffr_gym.simulator import Simulator, State
+
+__all__ = ["ConfigError", "Params", "Simulator", "State", "load_params"]
+
+if "SFFRFlex-v0" not in gymnasium.registry:
+    gymnasium.register(
+        id="SFFRFlex-v0",
+        entry_point="sffr_gym.env:SFFRFlexEnv",
+        vector_entry_point="sffr_gym.vector_env:SFFRFlexVectorEnv",
+        max_episode_steps=55_440,  # once around at 0.85 m/s; the environment itself follows its scenario
+    )

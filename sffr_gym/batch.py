@@ -1,0 +1,134 @@
+"""Many environments as arrays, advanced by one compiled call: the core of the single and of the vector environment."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_gym._jit import kernel
+from sffr_gym.beam import Array
+from sffr_gym.model import IntArray, n_positions
+from sffr_gym.observation import observe
+from sffr_gym.reference import Reference, desired
+from sffr_gym.scenario import Episode
+from sffr_gym.task import N_SIGNALS, REWARDS, Robot, control_period, make_buffers, reward_terms
+
+THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
+
+
+class Batch(NamedTuple):
+    """State and outputs of ``n`` environments; row i belongs to environment i alone.
+
+    Attributes:
+        tick: (n,) control periods since the start.
+        p, v: (n, n_p) positions and velocities.
+        reference: (n, 10) numbers of each :class:`Reference`; joints: (n, n_l) its joint angles.
+        wrench: (n, 3) force of the surroundings on the base, base axes.
+        obs, reward, terms, signals: what the last period gave.
+        applied: (n, n_u) commands after the limits.
+        clipped: (n,) how many entries of the last action lay beyond [-1, 1].
+        status: (n,) why an episode ended; see ``task``.
+    """
+
+    tick: IntArray
+    p: Array
+    v: Array
+    reference: Array
+    joints: Array
+    wrench: Array
+    obs: Array
+    reward: Array
+    terms: Array
+    signals: Array
+    applied: Array
+    clipped: IntArray
+    status: IntArray
+
+
+def make_batch(robot: Robot, n: int) -> Batch:
+    """Allocate ``n`` environments of one robot."""
+    size, n_u, n_o = n_positions(robot.model), len(robot.actuators.limit), len(robot.bound)
+    return Batch(
+        tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
+        reference=np.zeros((n, len(Reference._fields) - 1)), joints=np.zeros((n, len(robot.model.link_mass))),
+        wrench=np.zeros((n, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n), terms=np.zeros((n, len(REWARDS))),
+        signals=np.zeros((n, N_SIGNALS)), applied=np.zeros((n, n_u)), clipped=np.zeros(n, dtype=np.int64),
+        status=np.zeros(n, dtype=np.int64),
+    )  # fmt: skip
+
+
+def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
+    """Put environment ``i`` at the start of an episode, its observation included."""
+    for array in batch:
+        array[i] = 0
+    batch.p[i], batch.v[i] = episode.p, episode.v
+    batch.reference[i], batch.joints[i] = episode.reference[:-1], episode.reference.joints
+    observe_one(robot, batch, i)
+
+
+@kernel
+def observe_one(robot, batch, i):
+    """Write the observation of environment ``i`` at its present time."""
+    reference = _reference(batch, i)
+    want = desired(reference, batch.tick[i] * robot.period)
+    observe(robot, reference, want, batch.p[i], batch.v[i], make_buffers(robot).step.dynamics, batch.obs[i])
+
+
+def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:
+    """Advance the active environments of a batch by one control period, on as many threads as pay.
+
+    Args:
+        robot: the plant.
+        batch: the environments, advanced in place.
+        actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
+        active: (n,) False leaves an environment as it is.
+    """
+    n = len(batch.tick)
+    chunks = min(THREADS, n // SMALLEST_CHUNK)
+    if chunks < 2:
+        step_range(robot, batch, actions, active, 0, n)
+        return
+    ends = [n * chunk // chunks for chunk in range(chunks + 1)]
+    jobs = [_pool().submit(step_range, robot, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    for job in jobs:
+        job.result()
+
+
+@kernel(nogil=True)
+def step_range(robot, batch, actions, active, first, last):
+    """Advance the active environments from ``first`` up to ``last`` by one control period."""
+    buffers = make_buffers(robot)
+    command = np.zeros(len(robot.actuators.limit))
+    for i in range(first, last):
+        if not active[i]:
+            continue
+        batch.clipped[i] = 0
+        for k in range(len(command)):
+            action = min(max(actions[i, k], -1.0), 1.0)
+            batch.clipped[i] += action != actions[i, k]
+            command[k] = action * robot.scale[k]
+        batch.tick[i] += 1
+        batch.status[i] = control_period(
+            robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
+            batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+        )  # fmt: skip
+        batch.applied[i, :] = buffers.applied
+        batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    """Threads for the kernels, which release the interpreter's lock."""
+    return ThreadPoolExecutor(THREADS, thread_name_prefix="sffr-gym")
+
+
+@kernel
+def _reference(batch, i):
+    r = batch.reference[i]
+    return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], batch.joints[i])

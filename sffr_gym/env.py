@@ -1,0 +1,217 @@
+"""``SFFRFlex-v0``: the robot with its actuators as a Gymnasium environment."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from sffr_gym.batch import make_batch, observe_one, start_episode, step_batch
+from sffr_gym.beam import Array
+from sffr_gym.observation import observation_fields
+from sffr_gym.params import Params, load_params
+from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.simulator import Simulator, State
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
+
+ParamsLike = Params | str | os.PathLike[str] | None
+
+
+_ONE = np.ones(1, dtype=np.bool_)
+
+
+class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
+    """A free-flying robot with two arms carries an object around a circle while its long, soft solar panels swing.
+
+    ## Description
+    The plant is the rigid-flexible interactive model of the paper: a 50 kg base with thrusters, two arms that hold an
+    object between them, an antenna, a camera, and two 4 m panels that bend. The object's centre has to follow a circle of
+    15 m radius at 0.85 m/s, its orientation and the base's heading constant, while the panels' vibration dies out. One
+    step is one control period of 2 ms under held actuator forces; once around is 55,440 steps.
+
+    ## Action space
+    ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond are clipped, which
+    ``info["clipped"]`` counts. Float64 actions are taken as they are.
+
+    | index | actuator | limit |
+    |---|---|---|
+    | 0-2 | left panel's piezo channels on axial, transverse and slope coordinate of the tip | 200 V (47.5 N, N, N m) |
+    | 3-5 | right panel's | 200 V |
+    | 6, 7 | thrust along the base's x and y axis | 100 N |
+    | 8 | thruster torque | 100 N m |
+    | 9-12 | joints of arm 1 and arm 2 | 7 N m |
+    | 13, 14 | antenna and camera joint | 7 N m |
+
+    ## Observation space
+    ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are desired
+    minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:
+
+    | index | field | unit |
+    |---|---|---|
+    | 0-5 | base position and yaw error, their rates | m, rad, m/s, rad/s |
+    | 6-13 | gripper position errors (arm 1, arm 2), their rates | m, m/s |
+    | 14-19 | object position and orientation error, their rates | m, rad, m/s, rad/s |
+    | 20, 21 | antenna and camera angle error | rad |
+    | 22-27 | joint angles in [-pi, pi) | rad |
+    | 28-33 | joint rates | rad/s |
+    | 34 | yaw rate of the base | rad/s |
+    | 35-40 | tip coordinates of left and right panel: axial, transverse, slope | m, m, rad |
+    | 41-46 | their rates | m/s, m/s, rad/s |
+    | 47-49 | velocity of the reference and its turn | m/s, rad/s |
+    | 50, 51 | acceleration of the reference | m/s2 |
+
+    ## Reward
+    The sum of three terms, each in ``info`` as ``reward_<name>``, for the state after the step, with the weights ``w`` and
+    scales ``s`` of the parameters: ``tracking`` = -w T (object position error / s)^2, ``vibration`` = -w T (bending energy
+    about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control period.
+
+    ## Starting state
+    Drawn from the scenario: ``nominal`` is Table IV, ``excited`` has swinging panels, ``offset`` starts off the path.
+
+    ## Episode end
+    Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a grasping
+    arm gets singular, a grasp is lost, an observation leaves its bound, or the state is not finite. A state that is not
+    finite is never returned: the last finite one stays. Truncates when the scenario's time is over.
+
+    ## Arguments
+    - ``scenario``: a shipped scenario's name or the path of a YAML file.
+    - ``params``: a ``Params`` object, a path, or None for the case study.
+    - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
+    - ``render_mode``: None.
+
+    ## Version history
+    - v0: first version.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 500}
+
+    def __init__(
+        self,
+        scenario: str | os.PathLike[str] = "nominal",
+        params: ParamsLike = None,
+        overrides: tuple[str, ...] | list[str] = (),
+        render_mode: str | None = None,
+    ) -> None:
+        """Build the environment; see the class for the arguments.
+
+        Raises:
+            ConfigError: for parameters or a scenario that are not valid.
+            ValueError: for an unknown render mode.
+        """
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode must be one of {[None, *self.metadata['render_modes']]}, got {render_mode!r}")
+        self.render_mode = render_mode
+        self.params = resolve_params(params, overrides)
+        self.scenario = load_scenario(scenario)
+        self.robot = make_robot(self.params)
+        self.fields = observation_fields(self.robot.model, self.params)
+        self.action_space, self.observation_space = make_spaces(self.robot)
+        self._batch = make_batch(self.robot, 1)
+        self._drawn: dict[str, float] = {}
+        self._ticks = 0
+
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Draw an episode. ``options={"scenario": ...}`` changes the scenario from now on.
+
+        Raises:
+            ValueError: for an unknown option.
+            ConfigError: for a scenario that is not valid.
+        """
+        super().reset(seed=seed)
+        self.scenario = scenario_option(self.scenario, options)
+        episode = draw(self.scenario, self.params, self.robot.model, self.np_random)
+        self.reference, self._drawn = episode.reference, episode.drawn
+        self._ticks = self.scenario.ticks(self.params)
+        start_episode(self.robot, self._batch, 0, episode)
+        return self._batch.obs[0].copy(), self._info()
+
+    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Hold an action for one control period.
+
+        Raises:
+            ValueError: for an action of the wrong shape or with NaN.
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._ticks == 0:
+            raise gym.error.ResetNeeded("call reset before step")
+        action = check_action(action, self.action_space.shape)
+        batch = self._batch
+        step_batch(self.robot, batch, action[None], _ONE)
+        terminated = bool(batch.status[0] != RUNNING)
+        truncated = bool(batch.tick[0] >= self._ticks)
+        return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
+
+    @property
+    def time(self) -> float:
+        """Time since the start of the episode [s]."""
+        return float(self._batch.tick[0] * self.robot.period)
+
+    @property
+    def positions(self) -> Array:
+        """A copy of the plant's positions ``p`` (n,), laid out as ``sffr_gym.model`` says."""
+        return self._batch.p[0].copy()
+
+    @property
+    def velocities(self) -> Array:
+        """A copy of the plant's velocities ``v`` (n,)."""
+        return self._batch.v[0].copy()
+
+    def state(self) -> State:
+        """The plant's state in the paper's coordinates, for :class:`Simulator` and plots."""
+        return Simulator(self.params).unflatten(self.time, self._batch.p[0], self._batch.v[0])
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
+        kept = {"batch": self._batch, "rng": self.np_random, "ticks": self._ticks, "drawn": self._drawn}
+        return copy.deepcopy(kept | {"scenario": self.scenario, "reference": getattr(self, "reference", None)})
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        state = copy.deepcopy(dict(state))
+        self._batch, self.np_random, self._ticks = state["batch"], state["rng"], state["ticks"]
+        self.scenario, self.reference, self._drawn = state["scenario"], state["reference"], state["drawn"]
+        observe_one(self.robot, self._batch, 0)
+
+    def _info(self) -> dict[str, Any]:
+        """The same keys at every step and reset."""
+        batch = self._batch
+        info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
+        info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
+        info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": REASONS[int(batch.status[0])]}
+        return info | {"applied": batch.applied[0].copy(), "drawn": dict(self._drawn)}
+
+
+def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -> Params:
+    """Parameters from an object, a path or None, with overrides on top; raises ConfigError."""
+    resolved = params if isinstance(params, Params) else load_params(params)
+    return resolved.with_overrides(*overrides)
+
+
+def make_spaces(robot: Any) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Action and observation space of one environment."""
+    action = gym.spaces.Box(-1.0, 1.0, (len(robot.actuators.limit),), np.float32)
+    return action, gym.spaces.Box(-robot.bound, robot.bound, dtype=np.float64)
+
+
+def scenario_option(scenario: Any, options: Mapping[str, Any] | None) -> Any:
+    """The scenario that ``reset`` options ask for; raises ValueError for an unknown option."""
+    unknown = set(options or {}) - {"scenario"}
+    if unknown:
+        raise ValueError(f"unknown reset option {sorted(unknown)}; known: ['scenario']")
+    return load_scenario(options["scenario"]) if options and "scenario" in options else scenario
+
+
+def check_action(action: Any, shape: tuple[int, ...]) -> Array:
+    """An action as float64; raises ValueError for a wrong shape or NaN."""
+    array = np.asarray(action, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got {array.shape}")
+    if np.isnan(array).any():
+        raise ValueError(f"action has NaN at {np.argwhere(np.isnan(array)).ravel().tolist()}")
+    return array
+
+

@@ -1,0 +1,183 @@
+"""``SFFRFlex-v0`` as a natively batched Gymnasium vector environment: one compiled call steps all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from sffr_gym.batch import make_batch, start_episode, step_batch
+from sffr_gym.beam import Array
+from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
+from sffr_gym.observation import observation_fields
+from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
+
+Mask = np.ndarray
+Infos = dict[str, Any]
+
+
+class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many independent ``SFFRFlex-v0`` environments; spaces, reward and episode as in :class:`SFFRFlexEnv`.
+
+    Environment ``i`` reset with seed ``s`` (or ``seed=s - i`` for all) goes through the same states as a single
+    environment reset with seed ``s``, whatever the number of environments and threads.
+
+    Args:
+        num_envs: number of environments.
+        max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over.
+        scenario, params, overrides, render_mode: as for the single environment.
+        autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
+            (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
+            episode; ``infos["final_obs"]`` and ``infos["final_info"]`` have the last ones) or ``DISABLED`` (call
+            ``reset(options={"reset_mask": mask})``).
+
+    ``infos`` has the keys of the single environment, each an array over environments with its mask ``_key``.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        scenario: str | os.PathLike[str] = "nominal",
+        params: ParamsLike = None,
+        overrides: tuple[str, ...] | list[str] = (),
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        """Build the environments.
+
+        Raises:
+            ConfigError: for parameters or a scenario that are not valid.
+            ValueError: for a number of environments below 1, an unknown autoreset or render mode.
+        """
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = SFFRFlexEnv.metadata | {"autoreset_mode": self.autoreset_mode}
+        self.params = resolve_params(params, overrides)
+        self.scenario = load_scenario(scenario)
+        self.robot = make_robot(self.params)
+        self.fields = observation_fields(self.robot.model, self.params)
+        self.single_action_space, self.single_observation_space = make_spaces(self.robot)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._max_steps = max_episode_steps
+        self._batch = make_batch(self.robot, num_envs)
+        self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
+        self._drawn: dict[str, Array] = {}
+        self._ticks = 0
+        self._done = np.zeros(num_envs, dtype=np.bool_)
+        self._seeded = False
+        self._all = np.ones(num_envs, dtype=np.bool_)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, Infos]:
+        """Reset all environments, or those of ``options["reset_mask"]`` (bool array).
+
+        An integer seed gives environment i the seed ``seed + i``. ``options["scenario"]`` changes the scenario.
+
+        Raises:
+            ValueError: for a mask or list of seeds of the wrong length or type, or an unknown option.
+        """
+        options = dict(options or {})
+        mask = self._reset_mask(options.pop("reset_mask", None))
+        self.scenario = scenario_option(self.scenario, options)
+        self._seed(seed, mask)
+        self._restart(mask)
+        return self._batch.obs.copy(), self._infos(mask)
+
+    def step(self, actions: Any) -> tuple[Array, Array, Mask, Mask, Infos]:
+        """Hold one action (n, 15) for each environment for one control period.
+
+        Raises:
+            ValueError: for actions of the wrong shape or with NaN.
+            gymnasium.error.ResetNeeded: before the first reset, or with DISABLED autoreset for a finished environment.
+        """
+        if self._ticks == 0:
+            raise gym.error.ResetNeeded("call reset before step")
+        actions = check_action(actions, self.action_space.shape)
+        again = self._done & (self.autoreset_mode == AutoresetMode.NEXT_STEP)
+        if (self._done & ~again).any():
+            finished = np.flatnonzero(self._done).tolist()
+            raise gym.error.ResetNeeded(f"environments {finished} are done: reset them with options['reset_mask']")
+        step_batch(self.robot, self._batch, actions, ~again)
+        if again.any():
+            self._restart(again)
+        terminated = self._batch.status != RUNNING
+        truncated = self._batch.tick >= self._ticks
+        infos = self._infos(self._all)
+        obs, reward = self._batch.obs.copy(), self._batch.reward.copy()
+        self._done = terminated | truncated
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
+            last, final = self._done.copy(), infos
+            self._restart(last)
+            infos = self._infos(self._all)
+            infos |= {"final_obs": obs, "_final_obs": last, "final_info": _masked(final, last), "_final_info": last.copy()}
+            obs = self._batch.obs.copy()
+        return obs, reward, terminated, truncated, infos
+
+    def _restart(self, mask: Mask) -> None:
+        """Draw and start new episodes."""
+        for i in np.flatnonzero(mask):
+            episode = draw(self.scenario, self.params, self.robot.model, self._rngs[i])
+            start_episode(self.robot, self._batch, int(i), episode)
+            for name, value in episode.drawn.items():
+                self._drawn.setdefault(name, np.full(self.num_envs, np.nan))[i] = value
+        ticks = self.scenario.ticks(self.params)
+        self._ticks = ticks if self._max_steps is None else min(ticks, self._max_steps)
+        self._done[mask] = False
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: Mask) -> None:
+        """Give the masked environments new generators where seeds say so, all of them at the first reset."""
+        seeds = [seed] * self.num_envs if seed is None else seed
+        if isinstance(seeds, int | np.integer):
+            seeds = [int(seeds) + i for i in range(self.num_envs)]
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be an integer or {self.num_envs} of them, got {len(seeds)}")
+        for i in np.flatnonzero(mask):
+            if seeds[i] is not None or not self._seeded:
+                self._rngs[i], _ = seeding.np_random(seeds[i])
+        self._seeded = True
+
+    def _reset_mask(self, mask: Any) -> Mask:
+        """The environments to reset."""
+        if mask is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},), got {mask!r}")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] must ask for at least one environment")
+        return mask
+
+    def _infos(self, mask: Mask) -> Infos:
+        """The single environment's info, an array and a mask for each key."""
+        batch = self._batch
+        infos: Infos = dict(zip(SIGNALS, batch.signals.T.copy(), strict=True))
+        infos |= {f"reward_{name}": column for name, column in zip(REWARDS, batch.terms.T.copy(), strict=True)}
+        infos |= {"time": batch.tick * self.robot.period, "clipped": batch.clipped.copy(), "failure": _TEXTS[batch.status]}
+        infos |= {"applied": batch.applied.copy()}
+        infos = _masked(infos, mask)
+        drawn = _masked({name: values.copy() for name, values in self._drawn.items()}, mask)
+        return infos | {"drawn": drawn, "_drawn": mask.copy()}
+
+
+_TEXTS = np.array([REASONS[code] for code in sorted(REASONS)], dtype=object)
+
+
+def _masked(infos: Infos, mask: Mask) -> Infos:
+    """The infos with the mask beside each key."""
+    values = {key: value for key, value in infos.items() if not key.startswith("_")}
+    return values | {f"_{key}": mask.copy() for key in values}
