@@ -12,7 +12,7 @@ import numpy as np
 
 from baselines.mic import Layout, mic, mic_workspace
 from baselines.suppression import Suppression, suppress
-from sffr_gym._jit import kernel
+from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.model import N_BASE, IntArray, Model
 from sffr_gym.reference import Reference
@@ -81,7 +81,7 @@ def control(law, obs, B_hat, work, command):
     )  # fmt: skip
 
 
-@kernel
+@kernel(allocates=True)
 def act(law, obs, B_hat, actions):
     """Write the actions (n, n_u) for observations (n, n_o), adapting ``B_hat`` (n, n_p, 3) in place."""
     work = mic_workspace(law.prior)
@@ -91,7 +91,7 @@ def act(law, obs, B_hat, actions):
             actions[i, k] /= law.scale[k]
 
 
-@kernel(nogil=True)
+@kernel(allocates=True, nogil=True)
 def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
     """Run law and plant from period ``first`` up to ``last``, in place.
 
@@ -106,7 +106,9 @@ def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
         keep = tick % record.stride == 0
         row = tick // record.stride
         if keep:
-            record.p[row, :], record.v[row, :], record.obs[row, :] = p, v, obs
+            assign(record.p[row], p)
+            assign(record.v[row], v)
+            assign(record.obs[row], obs)
             record.B_hat[row, :, :] = B_hat
         control(law, obs, B_hat, work, command)
         for k in range(len(command)):  # an action's bounds, as in the environment
@@ -114,8 +116,9 @@ def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
         t_end = (tick + 1) * robot.period
         outcome = control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, record.signals[tick])
         if keep:
-            record.applied[row, :] = buffers.applied
-            record.q_flex[row, :], record.lam[row, :, :] = buffers.step.q_flex, buffers.step.lam
+            assign(record.applied[row], buffers.applied)
+            assign(record.q_flex[row], buffers.step.q_flex)
+            record.lam[row, :, :] = buffers.step.lam
         if outcome != RUNNING:
             return tick + 1, outcome
     return last, RUNNING

@@ -47,7 +47,7 @@ def layout(fields: dict[str, Field]) -> Layout:
     return Layout(*(fields[name].start for name in names), fields["reference_velocity"].start)
 
 
-@kernel
+@kernel(allocates=True)
 def mic_workspace(prior):
     """Allocate the buffers of :func:`mic` for a robot."""
     n = len(prior.link_mass)
@@ -101,7 +101,7 @@ def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
     _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque)
 
 
-@kernel
+@kernel(inline=True)
 def _links(prior, obs, at, yaw_rate, work):
     """Link directions in base axes and absolute angular velocities, from observed joint angles and rates."""
     n_l = len(prior.link_mass)
@@ -113,7 +113,7 @@ def _links(prior, obs, at, yaw_rate, work):
             work.c[k], work.s[k], work.rate[k] = cos(angle), sin(angle), rate
 
 
-@kernel
+@kernel(inline=True)
 def _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work):
     """Gripper forces that move the object, ``G# M v`` (Eqs. 9-11), into ``work.grip``, base axes."""
     o, ref, n_g = at.object, at.reference, len(prior.grasp_arm)
@@ -142,7 +142,7 @@ def _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work):
         work.grip[prior.grasp_arm[g], 1] = push_y + twist * gx
 
 
-@kernel
+@kernel(inline=True)
 def _reach(prior, arm, tx, ty, alpha, w, work):
     """Angular accelerations of a grasping arm's links that give its tip (tx, ty) relative to the base's origin.
 
@@ -174,7 +174,7 @@ def _reach(prior, arm, tx, ty, alpha, w, work):
         work.alpha[k] = second
 
 
-@kernel
+@kernel(inline=True)
 def _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque):
     """Forces for commanded accelerations, tip forces included: ``Q = H qdd + C + J' F_e`` (Eqs. 6, 7 and 13)."""
     fx, fy, moment = prior.base_mass * ax, prior.base_mass * ay, prior.base_inertia * alpha

@@ -117,7 +117,7 @@ def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
             _adapt(law, obs, q, qd, B_hat[i])
 
 
-@kernel
+@kernel(inline=True)
 def _adapt(law, obs, q, qd, B_hat):
     """``dB/dt = Gamma K' M_f^-1 Y`` over one period, with the regressor K = diag(e_dot) of Eq. 24."""
     for k in range(N_TIP):

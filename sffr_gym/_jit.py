@@ -6,6 +6,7 @@ named by a hash of the sources that speak of kernels: an edit there compiles ane
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import shutil
@@ -43,15 +44,29 @@ def cache_sources(package: Path) -> Path:
     return folder
 
 
-def kernel(function: Callable[..., Any] | None = None, *, nogil: bool = False) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    inline: bool = False,
+    allocates: bool = False,
+    nogil: bool = False,
+) -> Any:
     """Compile a function of plain arrays and scalars, cached on disk.
 
     Strict IEEE arithmetic: no ``fastmath``, so that ``isfinite`` sees NaN and a kernel gives the same bits wherever it
     is inlined. Division by zero gives inf, as in NumPy. Kernels never raise.
+
+    Args:
+        function: the function, when used as a plain decorator.
+        inline: paste it into its callers; for the small inner ones, whose calls would cost more than their arithmetic.
+        allocates: it makes arrays. All others own no memory, so that numba's reference counting, which takes longer than
+            their arithmetic, is switched off for them.
+        nogil: release the interpreter's lock, for threads.
     """
     if function is None:
-        return lambda f: kernel(f, nogil=nogil)
-    return numba.njit(cache=True, error_model="numpy", nogil=nogil)(function)
+        return functools.partial(kernel, inline=inline, allocates=allocates, nogil=nogil)
+    options = {"forceinline": inline, "_nrt": allocates, "nogil": nogil}
+    return numba.njit(cache=True, error_model="numpy", **options)(function)
 
 
 def is_compiled(folder: Path | None = None) -> bool:
@@ -71,3 +86,10 @@ def remove_stale_caches() -> None:
 
 
 cache_sources(Path(__file__).parent)
+
+
+@kernel(inline=True)
+def assign(target, source):
+    """Copy one array into another; kernels that own no memory cannot use ``target[:] = source``."""
+    for k in range(len(source)):
+        target[k] = source[k]

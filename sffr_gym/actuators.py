@@ -52,14 +52,14 @@ def pack_actuators(params: Params, model: Model) -> Actuators:
     )
 
 
-@kernel
+@kernel(inline=True)
 def saturate(actuators, command, applied):
     """Clip a command (n_u,) to the limits into ``applied``; NaN stays NaN."""
     for i in range(len(command)):
         applied[i] = min(max(command[i], -actuators.limit[i]), actuators.limit[i])
 
 
-@kernel
+@kernel(inline=True)
 def generalized_forces(model, actuators, applied, tau):
     """Write the generalised forces (n,) of an applied command; the object's stay as they are.
 

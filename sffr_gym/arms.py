@@ -17,7 +17,7 @@ from sffr_gym._jit import kernel
 from sffr_gym.model import N_BASE
 
 
-@kernel
+@kernel(inline=True)
 def link_directions(model, p, v, work):
     """Fill the direction (cosine, sine) of each link in base axes and its squared absolute angular velocity."""
     for arm in range(len(model.arm_first) - 1):
@@ -30,7 +30,7 @@ def link_directions(model, p, v, work):
             work.rate[k] = rate
 
 
-@kernel
+@kernel(inline=True)
 def articulate(model, arm, tau, work):
     """Eliminate the links of one arm from its tip to its mount.
 
@@ -88,7 +88,7 @@ def articulate(model, arm, tau, work):
     return Mxx, Mxy, Myy, px, py, torque
 
 
-@kernel
+@kernel(inline=True)
 def expand(model, arm, ax, ay, alpha_base, lamx, lamy, bias, work, out):
     """Run outward from the mount's acceleration and write the joint accelerations of one arm into ``out``.
 
@@ -107,7 +107,7 @@ def expand(model, arm, ax, ay, alpha_base, lamx, lamy, bias, work, out):
         ay += length * (alpha * work.c[k] - w2 * work.s[k])
 
 
-@kernel
+@kernel(inline=True)
 def tip_motion(model, arm, yaw_rate, work):
     """Position and velocity of an arm's tip relative to the base's centre of mass, base axes.
 

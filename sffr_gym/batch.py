@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym._jit import kernel
+from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.observation import observe
@@ -72,7 +72,7 @@ def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
     observe_one(robot, batch, i)
 
 
-@kernel
+@kernel(allocates=True)
 def observe_one(robot, batch, i):
     """Write the observation of environment ``i`` at its present time."""
     reference = _reference(batch, i)
@@ -100,7 +100,7 @@ def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -
         job.result()
 
 
-@kernel(nogil=True)
+@kernel(allocates=True, nogil=True)
 def step_range(robot, batch, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period."""
     buffers = make_buffers(robot)
@@ -118,7 +118,7 @@ def step_range(robot, batch, actions, active, first, last):
             robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
             batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
         )  # fmt: skip
-        batch.applied[i, :] = buffers.applied
+        assign(batch.applied[i], buffers.applied)
         batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
 
 
@@ -128,7 +128,7 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(THREADS, thread_name_prefix="sffr-gym")
 
 
-@kernel
+@kernel(inline=True)
 def _reference(batch, i):
     r = batch.reference[i]
     return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], batch.joints[i])

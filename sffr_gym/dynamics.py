@@ -42,7 +42,7 @@ class Work(NamedTuple):
     column: Array  # (3,) right-hand side of the base
 
 
-@kernel
+@kernel(allocates=True)
 def workspace(model):
     """Allocate the buffers of :func:`accelerations` for a robot."""
     n_l, n_a, n_g = len(model.link_mass), len(model.arm_mount), len(model.grasp_arm)
@@ -98,7 +98,7 @@ def stiff_response(model, v, panel_index, mode, work, out):
     out[N_BASE + len(model.link_mass) + panel_index * n_modes + mode] += 1.0
 
 
-@kernel
+@kernel(inline=True)
 def flexible_wrench(model, v, work):
     """Q_flex of Eqs. 4 and 53: force (inertial axes) [N] and moment about the base's centre of mass [N m].
 
@@ -121,7 +121,7 @@ def flexible_wrench(model, v, work):
     return cb * fx - sb * fy, sb * fx + cb * fy, moment
 
 
-@kernel
+@kernel(inline=True)
 def _base_inertia(model, p, v, tau, work):
     """Inertia and bias of the base with all arms and panels eliminated into it.
 
@@ -173,7 +173,7 @@ def _base_inertia(model, p, v, tau, work):
     return (Hxx, Hxy, Hxz, Hyy, Hyz, Hzz), (px, py, pz)
 
 
-@kernel
+@kernel(inline=True)
 def _couple_object(model, p, v, tau, work, H, bias):
     """Add the grasps to the base's system and eliminate the object; see the module's equations."""
     cb, sb = work.heading[0], work.heading[1]
@@ -266,7 +266,7 @@ def _couple_object(model, p, v, tau, work, H, bias):
     return (Hxx, Hxy, Hxz, Hyy, Hyz, Hzz), (px, py, pz)
 
 
-@kernel
+@kernel(inline=True)
 def _schur_column(inv, cross, j):
     """Column ``j`` of ``inv @ cross``."""
     x, y, z = cross[0, j], cross[1, j], cross[2, j]
@@ -277,7 +277,7 @@ def _schur_column(inv, cross, j):
     )
 
 
-@kernel
+@kernel(inline=True)
 def _solve(model, work, bias):
     """Solve base, object and grasps for ``work.column``; bias 0 gives the linear response to that column alone."""
     inv, rhs, acc = work.base_inv, work.column, work.acceleration
@@ -303,7 +303,7 @@ def _solve(model, work, bias):
         grasp[14] = grasp[1] * dx + grasp[2] * dy
 
 
-@kernel
+@kernel(inline=True)
 def _distribute(model, v, work, bias, out):
     """Run outward from base and object and write every acceleration, inertial axes."""
     cb, sb = work.heading[0], work.heading[1]
@@ -327,7 +327,7 @@ def _distribute(model, v, work, bias, out):
         out[at], out[at + 1], out[at + 2] = cb * acc[3] - sb * acc[4], sb * acc[3] + cb * acc[4], acc[5]
 
 
-@kernel
+@kernel(inline=True)
 def _root_acceleration(model, i, ax, ay, alpha, w2):
     """Acceleration of a panel's root in panel axes (Eq. 49 differentiated twice)."""
     c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
@@ -336,7 +336,7 @@ def _root_acceleration(model, i, ax, ay, alpha, w2):
     return c * rx + s * ry, c * ry - s * rx
 
 
-@kernel
+@kernel(inline=True)
 def _symmetric_inverse(A, out):
     """Invert a symmetric 3 x 3 matrix given as ``(xx, xy, xz, yy, yz, zz)`` by its adjugate."""
     xx, xy, xz, yy, yz, zz = A

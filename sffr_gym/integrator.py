@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym._jit import kernel
+from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.dynamics import Work, accelerations, flexible_wrench, stiff_response, workspace
 from sffr_gym.model import n_positions
@@ -44,7 +44,7 @@ class StepWork(NamedTuple):
     lam: Array  # (n_g, 2) grasp forces there, base axes
 
 
-@kernel
+@kernel(allocates=True)
 def step_workspace(model):
     """Allocate the buffers of :func:`advance` for a robot."""
     n, n_s = n_positions(model), len(model.stiff)
@@ -77,8 +77,8 @@ def _rk4(model, p, v, tau, h, work):
     n = len(p)
     stage_p, stage_v, a, inner = work.p[0], work.v[0], work.a, work.dynamics
     sum_p, sum_v = work.p[1], work.v[1]
-    stage_p[:] = p
-    stage_v[:] = v
+    assign(stage_p, p)
+    assign(stage_v, v)
     sum_p[:] = 0.0
     sum_v[:] = 0.0
     for stage in range(4):
@@ -130,7 +130,7 @@ def _etdrk4(model, p, v, tau, h, work):
     _quadratic_forcing(p, v, h, work)
 
 
-@kernel
+@kernel(inline=True)
 def _keep_forces(model, v, work):
     """Keep the internal forces of the first evaluation, whose buffers the next ones overwrite."""
     work.q_flex[0], work.q_flex[1], work.q_flex[2] = flexible_wrench(model, v, work.dynamics)
@@ -170,7 +170,7 @@ def _freeze(model, p, v, half, work):
             R[j, model.stiff[k, 2]] = V[k, j] / omega[k]
 
 
-@kernel
+@kernel(inline=True)
 def _transition(mu2, damping, duration, mode):
     """State transition of ``zdd + damping zd + mu2 z = 0`` over ``duration``, stored behind mu2 and damping."""
     sigma = 0.5 * damping
@@ -188,7 +188,7 @@ def _transition(mu2, damping, duration, mode):
     mode[2], mode[3], mode[4], mode[5] = c + sigma * s, s, -mu2 * s, c - sigma * s
 
 
-@kernel
+@kernel(inline=True)
 def _slow_part(model, stage, at, work):
     """Take the frozen part out of the accelerations of a stage; ``at`` is the stage's row in ``work.z``."""
     a, g, z = work.a[stage], work.g[stage], work.z[at]
@@ -202,7 +202,7 @@ def _slow_part(model, stage, at, work):
             g[j] += work.V[k, j] * model.stiff_omega[k] * a[model.stiff[k, 2]]
 
 
-@kernel
+@kernel(inline=True)
 def _constant_forcing(p, v, z, a, g, duration, work, p_end, v_end, z_end):
     """Solve the frozen linear part exactly over half a step, the slow accelerations ``a`` (``g`` in z) held."""
     square = 0.5 * duration * duration
@@ -222,7 +222,7 @@ def _constant_forcing(p, v, z, a, g, duration, work, p_end, v_end, z_end):
             v_end[c] += R[c] * kick
 
 
-@kernel
+@kernel(inline=True)
 def _quadratic_forcing(p, v, h, work):
     """Solve the frozen linear part over the whole step under the quadratic through the stages; in place."""
     a, g, z = work.a, work.g, work.z[0]
@@ -271,7 +271,7 @@ def _jacobi(A, V, threshold):
             return
 
 
-@kernel
+@kernel(inline=True)
 def _rotate(A, V, i, j):
     """One Jacobi rotation that makes ``A[i, j]`` zero (Golub and Van Loan, Matrix Computations, sec. 8.5)."""
     ratio = 0.5 * (A[j, j] - A[i, i]) / A[i, j]

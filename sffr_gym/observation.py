@@ -73,7 +73,7 @@ def observation_fields(model: Model, params: Params) -> dict[str, Field]:
     return fields
 
 
-@kernel
+@kernel(inline=True)
 def wrap(angle):
     """The same angle in [-pi, pi)."""
     return (angle + pi) % (2.0 * pi) - pi
@@ -142,7 +142,7 @@ def observe(robot, reference, want, p, v, work, obs):
     _error(obs, at + 1, ch, sh, want.xdd, want.ydd)
 
 
-@kernel
+@kernel(inline=True)
 def _error(obs, at, ch, sh, x, y):
     """Write an inertial vector in reference axes at ``at`` and return the index behind it."""
     obs[at] = ch * x + sh * y

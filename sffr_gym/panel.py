@@ -15,7 +15,7 @@ from __future__ import annotations
 from sffr_gym._jit import kernel
 
 
-@kernel
+@kernel(inline=True)
 def condense(model, i, p, v, tau, start, yaw_rate, work):
     """Eliminate the elastic accelerations of panel ``i`` (the RFIM's second row).
 
@@ -77,7 +77,7 @@ def condense(model, i, p, v, tau, start, yaw_rate, work):
     return Mxx, Myy, hx, hy, J, px, py, moment
 
 
-@kernel
+@kernel(inline=True)
 def expand(model, i, ax, ay, alpha, start, bias, work, out):
     """Write the modal accelerations of panel ``i`` into ``out``, from its root's acceleration in panel axes.
 

@@ -82,7 +82,7 @@ def circle_reference(params: Params, model: Model, p: Array, speed: float | None
     )
 
 
-@kernel
+@kernel(inline=True)
 def desired(reference, t):
     """Desired motion of the object at time ``t`` [s] as a :class:`Desired`."""
     radius, rate = reference.radius, reference.rate

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym import arms
-from sffr_gym._jit import kernel
+from sffr_gym._jit import assign, kernel
 from sffr_gym.actuators import Actuators, generalized_forces, pack_actuators, saturate
 from sffr_gym.beam import Array
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
@@ -113,7 +113,7 @@ def make_robot(params: Params) -> Robot:
     )  # fmt: skip
 
 
-@kernel
+@kernel(allocates=True)
 def make_buffers(robot):
     """Allocate the buffers of :func:`control_period`."""
     n, n_u = n_positions(robot.model), len(robot.actuators.limit)
@@ -132,8 +132,8 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
 
     Returns the status of the new state: ``RUNNING``, or why the episode ends.
     """
-    buffers.p[:] = p
-    buffers.v[:] = v
+    assign(buffers.p, p)
+    assign(buffers.v, v)
     saturate(robot.actuators, command, buffers.applied)
     generalized_forces(robot.model, robot.actuators, buffers.applied, buffers.tau)
     for k in range(N_BASE):
@@ -141,8 +141,8 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     advance(robot.model, p, v, buffers.tau, robot.period, robot.steps, robot.integrator, buffers.step)
     for k in range(len(p)):
         if not (isfinite(p[k]) and isfinite(v[k])):
-            p[:] = buffers.p
-            v[:] = buffers.v
+            assign(p, buffers.p)
+            assign(v, buffers.v)
             return NOT_FINITE
     want = desired(reference, t_end)
     observe(robot, reference, want, p, v, buffers.step.dynamics, obs)
@@ -151,7 +151,7 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     return _status(robot, p, v, obs, buffers)
 
 
-@kernel
+@kernel(inline=True)
 def reward_terms(robot, signals, terms):
     """Write the reward of one period, term by term in the order of ``REWARDS``, and return their sum."""
     terms[0] = -robot.period * robot.weight[0] * signals[ERROR] * signals[ERROR]
@@ -160,7 +160,7 @@ def reward_terms(robot, signals, terms):
     return terms[0] + terms[1] + terms[2]
 
 
-@kernel
+@kernel(inline=True)
 def _status(robot, p, v, obs, buffers):
     """Say whether a finite state lies in the model's range; call after ``observe``, whose result is bounded."""
     model, work = robot.model, buffers.step.dynamics
@@ -181,7 +181,7 @@ def _status(robot, p, v, obs, buffers):
     return outcome
 
 
-@kernel
+@kernel(inline=True)
 def _measure_state(robot, reference, want, p, v, buffers, signals):
     """Fill the signals that depend on the state alone, and the quasi-static wrench of the panels in ``buffers``."""
     model = robot.model
@@ -226,7 +226,7 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
     buffers.q_flex[0], buffers.q_flex[1], buffers.q_flex[2] = fx, fy, moment
 
 
-@kernel
+@kernel(inline=True)
 def _measure_effort(robot, command, buffers, signals):
     """Fill the signals that depend on the command; call after ``advance`` and ``_measure_state``."""
     applied, limit, q_flex = buffers.applied, robot.actuators.limit, buffers.step.q_flex
@@ -250,7 +250,7 @@ def _measure_effort(robot, command, buffers, signals):
             signals[SAT_JOINT] += beyond / n_l
 
 
-@kernel
+@kernel(inline=True)
 def _tip(robot, i, p, at):
     """Magnitude of a panel's transverse tip displacement [m]."""
     tip = 0.0
@@ -259,7 +259,7 @@ def _tip(robot, i, p, at):
     return abs(tip)
 
 
-@kernel
+@kernel(inline=True)
 def _elbow(model, arm, work):
     """|sin| of the angle between an arm's first link and the rest of it; 0 when it is singular."""
     first, last = model.arm_first[arm], model.arm_first[arm + 1]
@@ -270,7 +270,7 @@ def _elbow(model, arm, work):
     return abs(work.c[first] * y - work.s[first] * x) / max(hypot(x, y), 1e-12)
 
 
-@kernel
+@kernel(inline=True)
 def _gap(model, g, p, v, work):
     """Distance of a gripper from its grasp point [m]; link directions are those of ``p``."""
     o = len(p) - 3
