@@ -59,8 +59,8 @@ def kernel(
     Args:
         function: the function, when used as a plain decorator.
         inline: paste it into its callers; for the small inner ones, whose calls would cost more than their arithmetic.
-        allocates: it makes arrays. All others own no memory, so that numba's reference counting, which takes longer than
-            their arithmetic, is switched off for them.
+        allocates: it makes or returns arrays. All others own no memory, so that numba's reference counting, which takes
+            longer than their arithmetic, is switched off for them.
         nogil: release the interpreter's lock, for threads.
     """
     if function is None:

@@ -128,7 +128,7 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(THREADS, thread_name_prefix="sffr-gym")
 
 
-@kernel(inline=True)
+@kernel(inline=True, allocates=True)
 def _reference(batch, i):
     r = batch.reference[i]
     return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], batch.joints[i])
