@@ -65,7 +65,7 @@ class Record(NamedTuple):
     lam: Array
 
 
-@kernel
+@kernel(inline=True)
 def control(law, obs, B_hat, work, command):
     """Write the command (n_u,) of the law for an observation and adapt ``B_hat`` (n_p, 3) in place.
 

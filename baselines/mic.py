@@ -54,7 +54,7 @@ def mic_workspace(prior):
     return MicWork(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((len(prior.arm_mount), 2)))
 
 
-@kernel
+@kernel(inline=True)
 def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
     """Write the base wrench (3,), base axes, and the joint torques (n_l,) of the law.
 

@@ -86,7 +86,7 @@ def damped_coordinates(params: Params) -> tuple[str, ...]:
     return tuple(name for name, w in zip(COORDINATES, omega, strict=True) if w * params.control.period < pi / 2)
 
 
-@kernel
+@kernel(inline=True)
 def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
     """Write the piezo voltages of all panels and adapt ``B_hat`` (n_p, 3) in place.
 

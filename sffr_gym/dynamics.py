@@ -55,7 +55,7 @@ def workspace(model):
     )  # fmt: skip
 
 
-@kernel
+@kernel(inline=True)
 def accelerations(model, p, v, tau, work, out):
     """Solve the equations of motion.
 
@@ -78,7 +78,7 @@ def accelerations(model, p, v, tau, work, out):
     _distribute(model, v, work, 1.0, out)
 
 
-@kernel
+@kernel(inline=True)
 def stiff_response(model, v, panel_index, mode, work, out):
     """Accelerations that a unit force on one clamped mode causes; call after :func:`accelerations` at the same state.
 

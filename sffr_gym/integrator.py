@@ -30,15 +30,15 @@ class StepWork(NamedTuple):
     """Buffers of one step; see :class:`sffr_gym.dynamics.Work`."""
 
     dynamics: Work
-    p: Array  # (3, n) start of the step and two stages
-    v: Array  # (3, n)
+    p: Array  # (4, n) positions at the stages
+    v: Array  # (4, n)
     a: Array  # (4, n) slow accelerations at the four stages
     W: Array  # (n_s, n) response to a unit force on each stiff mode
     R: Array  # (n_s, n) W in coupled modes, divided by their squared frequency
     K: Array  # (n_s, n_s) scaled stiffness, then its eigenvalues on the diagonal
     V: Array  # (n_s, n_s) eigenvectors, in columns
     mode: Array  # (n_s, 6) mu^2, eta mu^2 and the transition of half a step; see _transition
-    z: Array  # (3, 2, n_s) coupled amplitudes and rates at the start and two stages
+    z: Array  # (4, 2, n_s) coupled amplitudes and rates at the stages
     g: Array  # (4, n_s) slow accelerations of the coupled modes
     q_flex: Array  # (3,) the panels' wrench on the base at the start of the last step
     lam: Array  # (n_g, 2) grasp forces there, base axes
@@ -49,14 +49,14 @@ def step_workspace(model):
     """Allocate the buffers of :func:`advance` for a robot."""
     n, n_s = n_positions(model), len(model.stiff)
     return StepWork(
-        dynamics=workspace(model), p=np.zeros((3, n)), v=np.zeros((3, n)), a=np.zeros((4, n)),
+        dynamics=workspace(model), p=np.zeros((4, n)), v=np.zeros((4, n)), a=np.zeros((4, n)),
         W=np.zeros((n_s, n)), R=np.zeros((n_s, n)), K=np.zeros((n_s, n_s)), V=np.zeros((n_s, n_s)),
-        mode=np.zeros((n_s, 6)), z=np.zeros((3, 2, n_s)), g=np.zeros((4, n_s)),
+        mode=np.zeros((n_s, 6)), z=np.zeros((4, 2, n_s)), g=np.zeros((4, n_s)),
         q_flex=np.zeros(3), lam=np.zeros((len(model.grasp_arm), 2)),
     )  # fmt: skip
 
 
-@kernel
+@kernel(inline=True)
 def advance(model, p, v, tau, duration, steps, integrator, work):
     """Advance the plant in place by ``duration`` [s] in equal steps.
 
@@ -71,7 +71,7 @@ def advance(model, p, v, tau, duration, steps, integrator, work):
             _etdrk4(model, p, v, tau, h, work)
 
 
-@kernel
+@kernel(inline=True)
 def _rk4(model, p, v, tau, h, work):
     """Classical fourth-order Runge-Kutta; stable only while h times the largest frequency stays below 2.8."""
     n = len(p)
@@ -97,36 +97,33 @@ def _rk4(model, p, v, tau, h, work):
         v[i] += sum_v[i]
 
 
-@kernel
+@kernel(inline=True)
 def _etdrk4(model, p, v, tau, h, work):
     """One step of ETDRK4 in the form of polynomial forcing.
 
-    Stages: a, b half a step with constant forcing from the start, c a whole one by way of a; then the quadratic through
-    the slow accelerations at 0, h/2 and h.
+    Stages: half a step under the slow accelerations of the start, half a step under those of that stage, a whole step by
+    way of the first half; then the quadratic through the slow accelerations at 0, h/2 and h.
     """
-    P, V, a, z, inner = work.p, work.v, work.a, work.z, work.dynamics
+    P, V, a, g, z = work.p, work.v, work.a, work.g, work.z
     half = 0.5 * h
-    accelerations(model, p, v, tau, inner, a[0])
-    _keep_forces(model, v, work)
-    _freeze(model, p, v, half, work)
-    _slow_part(model, 0, 0, work)
-
-    _constant_forcing(p, v, z[0], a[0], work.g[0], half, work, P[1], V[1], z[1])
-    accelerations(model, P[1], V[1], tau, inner, a[1])
-    _slow_part(model, 1, 1, work)
-
-    _constant_forcing(p, v, z[0], a[1], work.g[1], half, work, P[2], V[2], z[2])
-    accelerations(model, P[2], V[2], tau, inner, a[2])
-    _slow_part(model, 2, 2, work)
-
-    for i in range(len(p)):
-        a[3, i] = 2.0 * a[2, i] - a[0, i]
-    for j in range(len(model.stiff)):
-        work.g[3, j] = 2.0 * work.g[2, j] - work.g[0, j]
-    _constant_forcing(P[1], V[1], z[1], a[3], work.g[3], half, work, P[2], V[2], z[2])
-    accelerations(model, P[2], V[2], tau, inner, a[3])
-    _slow_part(model, 3, 2, work)
-
+    assign(P[0], p)
+    assign(V[0], v)
+    for stage in range(4):
+        if stage == 3:
+            for i in range(len(p)):
+                a[3, i] = 2.0 * a[2, i] - a[0, i]
+            for j in range(len(model.stiff)):
+                g[3, j] = 2.0 * g[2, j] - g[0, j]
+        if stage > 0:
+            start, forcing = (1, 3) if stage == 3 else (0, stage - 1)
+            _constant_forcing(
+                P[start], V[start], z[start], a[forcing], g[forcing], half, work, P[stage], V[stage], z[stage]
+            )
+        accelerations(model, P[stage], V[stage], tau, work.dynamics, a[stage])
+        if stage == 0:
+            _keep_forces(model, v, work)
+            _freeze(model, p, v, half, work)
+        _slow_part(model, stage, work)
     _quadratic_forcing(p, v, h, work)
 
 
@@ -138,7 +135,7 @@ def _keep_forces(model, v, work):
         work.lam[g, 0], work.lam[g, 1] = work.dynamics.grasp[g, 13], work.dynamics.grasp[g, 14]
 
 
-@kernel
+@kernel(inline=True)
 def _freeze(model, p, v, half, work):
     """Freeze the stiff modes' response at the start of a step and solve their coupled oscillation.
 
@@ -189,9 +186,9 @@ def _transition(mu2, damping, duration, mode):
 
 
 @kernel(inline=True)
-def _slow_part(model, stage, at, work):
-    """Take the frozen part out of the accelerations of a stage; ``at`` is the stage's row in ``work.z``."""
-    a, g, z = work.a[stage], work.g[stage], work.z[at]
+def _slow_part(model, stage, work):
+    """Take the frozen part out of the accelerations of a stage."""
+    a, g, z = work.a[stage], work.g[stage], work.z[stage]
     for j in range(len(work.mode)):
         force = work.mode[j, 0] * z[0, j] + work.mode[j, 1] * z[1, j]
         for c in range(len(a)):
@@ -253,7 +250,7 @@ def _quadratic_forcing(p, v, h, work):
             v[c] += R[c] * kick
 
 
-@kernel
+@kernel(inline=True)
 def _jacobi(A, V, threshold):
     """Diagonalise a symmetric matrix in place by cyclic Jacobi rotations until no coupling exceeds ``threshold``."""
     n = len(A)

@@ -79,7 +79,7 @@ def wrap(angle):
     return (angle + pi) % (2.0 * pi) - pi
 
 
-@kernel
+@kernel(inline=True)
 def observe(robot, reference, want, p, v, work, obs):
     """Write the observation (n_o,) of positions and velocities ``p, v`` (n,).
 

@@ -120,7 +120,7 @@ def make_buffers(robot):
     return Buffers(step_workspace(robot.model), np.zeros(n), np.zeros(n_u), np.zeros(3), np.zeros(n), np.zeros(n))
 
 
-@kernel
+@kernel(inline=True)
 def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
