@@ -122,5 +122,3 @@ def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
         if outcome != RUNNING:
             return tick + 1, outcome
     return last, RUNNING
-
-

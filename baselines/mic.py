@@ -202,5 +202,3 @@ def _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque):
         fy += gy
         moment += x * gy - y * gx + load
     wrench[0], wrench[1], wrench[2] = fx, fy, moment
-
-

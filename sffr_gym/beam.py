@@ -71,7 +71,9 @@ def shape_functions(xi: float, length: float) -> tuple[Array, Array, Array, Arra
     """
     s = length
     U = np.array([1 - xi, 0, 0, xi, 0, 0])
-    W = np.array([0, 1 - 3 * xi**2 + 2 * xi**3, s * (xi - 2 * xi**2 + xi**3), 0, 3 * xi**2 - 2 * xi**3, s * (xi**3 - xi**2)])
+    W = np.array(
+        [0, 1 - 3 * xi**2 + 2 * xi**3, s * (xi - 2 * xi**2 + xi**3), 0, 3 * xi**2 - 2 * xi**3, s * (xi**3 - xi**2)]
+    )
     dU = np.array([-1, 0, 0, 1, 0, 0]) / s
     d2W = np.array([0, -6 + 12 * xi, s * (-4 + 6 * xi), 0, 6 - 12 * xi, s * (6 * xi - 2)]) / s**2
     return U, W, dU, d2W

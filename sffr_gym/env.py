@@ -103,7 +103,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             ValueError: for an unknown render mode.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be one of {[None, *self.metadata['render_modes']]}, got {render_mode!r}")
+            raise ValueError(
+                f"render_mode must be one of {[None, *self.metadata['render_modes']]}, got {render_mode!r}"
+            )
         self.render_mode = render_mode
         self.params = resolve_params(params, overrides)
         self.scenario = load_scenario(scenario)
@@ -114,7 +116,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._drawn: dict[str, float] = {}
         self._ticks = 0
 
-    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
         """Draw an episode. ``options={"scenario": ...}`` changes the scenario from now on.
 
         Raises:
@@ -213,5 +217,3 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Array:
     if np.isnan(array).any():
         raise ValueError(f"action has NaN at {np.argwhere(np.isnan(array)).ravel().tolist()}")
     return array
-
-

@@ -233,7 +233,10 @@ def _quadratic_forcing(p, v, h, work):
         mode, R = work.mode[j], work.R[j]
         mu2, damping = mode[0], mode[1]
         middle = 0.5 * (g[1, j] + g[2, j])
-        first, second = (4.0 * middle - 3.0 * g[0, j] - g[3, j]) / h, (2.0 * (g[0, j] + g[3, j]) - 4.0 * middle) / square
+        first, second = (
+            (4.0 * middle - 3.0 * g[0, j] - g[3, j]) / h,
+            (2.0 * (g[0, j] + g[3, j]) - 4.0 * middle) / square,
+        )
         # Particular solution A + B t + C t^2, then the transition of a whole step as that of a half squared.
         C = second / mu2
         B = (first - 2.0 * damping * C) / mu2

@@ -55,7 +55,9 @@ class Desired(NamedTuple):
     turn: float  # its rate [rad/s]
 
 
-def circle_reference(params: Params, model: Model, p: Array, speed: float | None = None, phase: float = 0.0) -> Reference:
+def circle_reference(
+    params: Params, model: Model, p: Array, speed: float | None = None, phase: float = 0.0
+) -> Reference:
     """The circle that leaves from the object's pose in ``p`` (n,), tangent to +x at phase 0.
 
     Args:

@@ -125,5 +125,3 @@ def _offset(
     p[2] += angle
     if model.object_mass > 0:
         p[carried] += np.append(shift, angle)
-
-

@@ -125,7 +125,12 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             last, final = self._done.copy(), infos
             self._restart(last)
             infos = self._infos(self._all)
-            infos |= {"final_obs": obs, "_final_obs": last, "final_info": _masked(final, last), "_final_info": last.copy()}
+            infos |= {
+                "final_obs": obs,
+                "_final_obs": last,
+                "final_info": _masked(final, last),
+                "_final_info": last.copy(),
+            }
             obs = self._batch.obs.copy()
         return obs, reward, terminated, truncated, infos
 
@@ -167,7 +172,11 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         batch = self._batch
         infos: Infos = dict(zip(SIGNALS, batch.signals.T.copy(), strict=True))
         infos |= {f"reward_{name}": column for name, column in zip(REWARDS, batch.terms.T.copy(), strict=True)}
-        infos |= {"time": batch.tick * self.robot.period, "clipped": batch.clipped.copy(), "failure": _TEXTS[batch.status]}
+        infos |= {
+            "time": batch.tick * self.robot.period,
+            "clipped": batch.clipped.copy(),
+            "failure": _TEXTS[batch.status],
+        }
         infos |= {"applied": batch.applied.copy()}
         infos = _masked(infos, mask)
         drawn = _masked({name: values.copy() for name, values in self._drawn.items()}, mask)
