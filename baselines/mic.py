@@ -1,8 +1,8 @@
 """Multiple impedance control (Eqs. 5-13): task-space inverse dynamics of the rigid part plus the object's law.
 
 Task coordinates are the base's pose, the grippers' positions and the held joints' angles, so that J_c is square and
-``Q = J_c' (Q_m + Q_f)`` is the inverse dynamics of the acceleration that the error law (Eqs. 9 and 12) asks for, with the
-gripper forces that move the object (Eq. 10) at the tips. Acts on the observation and the prior model alone.
+``Q = J_c' (Q_m + Q_f)`` is the inverse dynamics of the acceleration that the error law (Eqs. 9 and 12) asks for, with
+the gripper forces that move the object (Eq. 10) at the tips. Acts on the observation and the prior model alone.
 """
 
 from __future__ import annotations

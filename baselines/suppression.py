@@ -1,7 +1,7 @@
 """Suppression of the panels' vibration: the virtual damping of Eq. 20 and its adaptation, Eq. 39.
 
-The desired elastic motion is zero, so ``e = -q_f`` and the law is ``tau = -B_hat qd_f - Q_v``. The sign is that of Eq. 20;
-Eq. 16 as printed would feed energy in.
+The desired elastic motion is zero, so ``e = -q_f`` and the law is ``tau = -B_hat qd_f - Q_v``. The sign is that of Eq.
+20; Eq. 16 as printed would feed energy in.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class Suppression(NamedTuple):
         damped: (3,) 1 for each tip coordinate that the law damps.
         B0: (3,) virtual damping at the start [N s/m, N s/m, N m s/rad].
         Gamma: (3,) adaptation gains; 0 is HSC.
-        psi: weight of the error in the filtered output [1/s]; filtered: 1 for Y = e_dot + psi e, 0 for the printed Y = e.
+        psi: weight of the error in the filtered output [1/s].
+        filtered: 1 for Y = e_dot + psi e, 0 for the printed Y = e.
         period: control period [s].
         M_inv: (3, 3) inverse of M_ff; M_ff: (3, 3).
         centrifugal: (3,) integral of rho a x U (axial) of Eq. 48; gyroscopic: (3, 3) N - N'.
@@ -72,8 +73,8 @@ def make_suppression(prior: Params, *, active: bool, adaptive: bool, filtered: b
 def damped_coordinates(params: Params) -> tuple[str, ...]:
     """The tip coordinates that the law damps, by ``suppression.coordinates``.
 
-    ``auto`` takes those whose own natural frequency ``sqrt(K_ii / M_ii)`` times the control period is below pi/2: beyond,
-    a damping that acts with the delay of a sample can feed a mode instead of calming it.
+    ``auto`` takes those whose own natural frequency ``sqrt(K_ii / M_ii)`` times the control period is below pi/2:
+    beyond, a damping that acts with the delay of a sample can feed a mode instead of calming it.
     """
     choice = params.suppression.coordinates
     if choice == "all":

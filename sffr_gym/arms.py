@@ -1,8 +1,9 @@
 """Rigid arms (Eqs. 40-43): an articulated-body recursion in base axes, arm by arm, linear in the number of links.
 
-With each link's absolute angular acceleration ``alpha`` as coordinate, a planar revolute joint passes a force and its own
-torque only, so that eliminating a link leaves a 2 x 2 apparent mass at its joint. For an arm that grasps the object the
-same pass carries the tip's acceleration as a function of the first joint's acceleration ``a`` and the grasp force
+With each link's absolute angular acceleration ``alpha`` as coordinate, a planar revolute joint passes a force and its
+own torque only, so that eliminating a link leaves a 2 x 2 apparent mass at its joint. For an arm that grasps the
+object the same pass carries the tip's acceleration as a function of the first joint's acceleration ``a`` and the grasp
+force
 ``lam``, the Popov-Vereshchagin scheme::
 
     joint force   f     = M a + p - X' lam

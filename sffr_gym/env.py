@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -29,12 +29,13 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Description
     The plant is the rigid-flexible interactive model of the paper: a 50 kg base with thrusters, two arms that hold an
-    object between them, an antenna, a camera, and two 4 m panels that bend. The object's centre has to follow a circle of
-    15 m radius at 0.85 m/s, its orientation and the base's heading constant, while the panels' vibration dies out. One
-    step is one control period of 2 ms under held actuator forces; once around is 55,440 steps.
+    object between them, an antenna, a camera, and two 4 m panels that bend. The object's centre has to follow a circle
+    of 15 m radius at 0.85 m/s, its orientation and the base's heading constant, while the panels' vibration dies out.
+    One step is one control period of 2 ms under held actuator forces; once around is 55,440 steps.
 
     ## Action space
-    ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond are clipped, which
+    ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond are clipped,
+    which
     ``info["clipped"]`` counts. Float64 actions are taken as they are.
 
     | index | actuator | limit |
@@ -47,8 +48,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     | 13, 14 | antenna and camera joint | 7 N m |
 
     ## Observation space
-    ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are desired
-    minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:
+    ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are
+    desired minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:
 
     | index | field | unit |
     |---|---|---|
@@ -65,17 +66,18 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     | 50, 51 | acceleration of the reference | m/s2 |
 
     ## Reward
-    The sum of three terms, each in ``info`` as ``reward_<name>``, for the state after the step, with the weights ``w`` and
-    scales ``s`` of the parameters: ``tracking`` = -w T (object position error / s)^2, ``vibration`` = -w T (bending energy
-    about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control period.
+    The sum of three terms, each in ``info`` as ``reward_<name>``, for the state after the step, with the weights ``w``
+    and scales ``s`` of the parameters: ``tracking`` = -w T (object position error / s)^2, ``vibration`` = -w T
+    (bending energy about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control
+    period.
 
     ## Starting state
     Drawn from the scenario: ``nominal`` is Table IV, ``excited`` has swinging panels, ``offset`` starts off the path.
 
     ## Episode end
-    Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a grasping
-    arm gets singular, a grasp is lost, an observation leaves its bound, or the state is not finite. A state that is not
-    finite is never returned: the last finite one stays. Truncates when the scenario's time is over.
+    Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
+    grasping arm gets singular, a grasp is lost, an observation leaves its bound, or the state is not finite. A state
+    that is not finite is never returned: the last finite one stays. Truncates when the scenario's time is over.
 
     ## Arguments
     - ``scenario``: a shipped scenario's name or the path of a YAML file.
@@ -87,7 +89,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     - v0: first version.
     """
 
-    metadata = {"render_modes": [], "render_fps": 500}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 500}
 
     def __init__(
         self,

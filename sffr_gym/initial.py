@@ -76,8 +76,9 @@ def close_grasps(model: Model, p: Array, v: Array) -> None:
     moved = np.abs(p[joint_slice(model)] - start).max(initial=0.0)
     if not moved < LARGEST_ADJUSTMENT:
         raise ConfigError(
-            f"initial.q: the end-effectors do not reach the object's grasp points: closing the grasp would move a joint "
-            f"by {moved:.3g} rad (at most {LARGEST_ADJUSTMENT} is taken for rounding); change initial.q or object.grasps"
+            f"initial.q: the end-effectors do not reach the object's grasp points: closing the grasp would move a "
+            f"joint by {moved:.3g} rad, more than the {LARGEST_ADJUSTMENT} rad that rounding may need; change initial.q "
+            f"or object.grasps"
         )
     for g, arm in enumerate(model.grasp_arm):
         _, tip = arm_points(model, p[:n], v[:n], int(arm))

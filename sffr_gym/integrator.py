@@ -3,8 +3,8 @@
 The panels' axial mode (3200 rad/s on the free robot) turns six radians within a control period of 2 ms. ETDRK4 (Cox and
 Matthews 2002, a fourth-order method) splits ``xdd = n(p, v) + W f`` into the elastic force ``f`` of the stiff clamped
 modes, whose effect ``W`` on all coordinates is frozen during a step, and the slow rest ``n``. The frozen linear part is
-solved exactly, undamped when the panel is; ``n`` enters as a polynomial in time. Nothing is damped that is not damped in
-the model, and the step is set by the slow motion alone.
+solved exactly, undamped when the panel is; ``n`` enters as a polynomial in time. Nothing is damped that is not damped
+in the model, and the step is set by the slow motion alone.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def _rk4(model, p, v, tau, h, work):
 def _etdrk4(model, p, v, tau, h, work):
     """One step of ETDRK4 in the form of polynomial forcing.
 
-    Stages: half a step under the slow accelerations of the start, half a step under those of that stage, a whole step by
-    way of the first half; then the quadratic through the slow accelerations at 0, h/2 and h.
+    Stages: half a step under the slow accelerations of the start, half a step under those of that stage, a whole step
+    by way of the first half; then the quadratic through the slow accelerations at 0, h/2 and h.
     """
     P, V, a, g, z = work.p, work.v, work.a, work.g, work.z
     half = 0.5 * h
@@ -139,8 +139,8 @@ def _keep_forces(model, v, work):
 def _freeze(model, p, v, half, work):
     """Freeze the stiff modes' response at the start of a step and solve their coupled oscillation.
 
-    With ``z = V' Omega s`` of the stiff amplitudes s, the frozen part is ``zdd = -mu^2 (z + eta zd)``, and its effect on
-    all coordinates ``sum_j R_j zdd_j``.
+    With ``z = V' Omega s`` of the stiff amplitudes s, the frozen part is ``zdd = -mu^2 (z + eta zd)``, and its effect
+    on all coordinates ``sum_j R_j zdd_j``.
     """
     n_s = len(model.stiff)
     W, K, V, R, z, omega = work.W, work.K, work.V, work.R, work.z, model.stiff_omega

@@ -1,4 +1,5 @@
-"""Positions, velocities and Jacobians of points of the rigid part, in plain NumPy for everything that is not a hot loop.
+"""Positions, velocities and Jacobians of points of the rigid part, in plain NumPy for everything that is not a hot
+loop.
 
 Inertial axes throughout; see ``model`` for frames and signs. The compiled counterparts are in ``arms``.
 """

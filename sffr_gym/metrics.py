@@ -71,6 +71,6 @@ def measure(signals: Array, period: float, failure: str = "") -> dict[str, float
 
 
 def settling_time(energy: Array, period: float) -> float:
-    """Time after which an energy (n_ticks,) stays below 5 % of its largest value [s]; the whole length if it never does."""
+    """Time [s] after which an energy (n_ticks,) stays below 5 % of its largest value; the length if it never does."""
     above = np.flatnonzero(energy > SETTLED * energy.max())
     return float((above[-1] + 1) * period) if len(above) else 0.0

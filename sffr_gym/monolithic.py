@@ -1,7 +1,7 @@
 """The paper's equations assembled as one system ``M zdd + h = Q``, in plain NumPy (Eqs. 2, 4, 40, 41, 45, 48-50).
 
-``z = [q, q_f of each panel]`` in nodal elastic coordinates. This is the readable form: the kernels of ``dynamics`` solve
-the same equations by elimination, and the tests hold the two against each other and against the Lagrangian.
+``z = [q, q_f of each panel]`` in nodal elastic coordinates. This is the readable form: the kernels of ``dynamics``
+solve the same equations by elimination, and the tests hold the two against each other and against the Lagrangian.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def panel_angle(model: Model, i: int) -> float:
 
 
 def constraint_jacobian(model: Model, q: Array, qd: Array, x_obj: Array) -> tuple[Array, Array]:
-    """Rows of the pins: tip velocity minus grasp point velocity over ``[qd, xd_obj]``, (2 n_g, n + 3), and gaps (2 n_g,)."""
+    """Velocities (2 n_g, n + 3) of the tips relative to their grasp points over ``[qd, xd_obj]``, and gaps (2 n_g,)."""
     n, n_g = len(q), len(model.grasp_arm)
     J, gap = np.zeros((2 * n_g, n + 3)), np.zeros(2 * n_g)
     for g in range(n_g):

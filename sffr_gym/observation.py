@@ -1,7 +1,7 @@
 """What controllers and agents see: tracking errors, joint and elastic coordinates, the reference's motion.
 
-Every vector is in the reference axes (``reference``), SI units, errors are desired minus actual. Nothing grows around the
-circle. The observation is all that a policy gets; see :func:`observation_fields` for its layout.
+Every vector is in the reference axes (``reference``), SI units, errors are desired minus actual. Nothing grows around
+the circle. The observation is all that a policy gets; see :func:`observation_fields` for its layout.
 """
 
 from __future__ import annotations

@@ -21,8 +21,10 @@ def condense(model, i, p, v, tau, start, yaw_rate, work):
 
     start: index of the panel's first amplitude in ``p, v, tau``; yaw_rate: angular velocity of the root [rad/s].
 
-    Returns ``(Mxx, Myy, hx, hy, J, px, py, moment)``, panel axes, about the root: force ``M a + h alpha + p`` and moment
-    ``h.a + J alpha + moment`` that the base exerts on the panel. ``work.elastic`` keeps ``f`` and the rotation coupling.
+    Returns ``(Mxx, Myy, hx, hy, J, px, py, moment)``, panel axes, about the root: force ``M a + h alpha + p`` and
+    moment
+    ``h.a + J alpha + moment`` that the base exerts on the panel. ``work.elastic`` keeps ``f`` and the rotation
+    coupling.
     """
     n_a, n_m = model.n_axial, model.omega2.shape[1]
     w, w2 = yaw_rate, yaw_rate * yaw_rate

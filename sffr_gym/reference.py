@@ -1,7 +1,7 @@
 """The desired motion: the object's centre on a circle, base and grippers in formation with it (sec. 5.3).
 
-The *reference axes* turn with the desired heading: they are the inertial axes when the heading is fixed, and turn with the
-path when it is tangent. In them the formation (base offset, grasp points, orientations) is constant.
+The *reference axes* turn with the desired heading: they are the inertial axes when the heading is fixed, and turn with
+the path when it is tangent. In them the formation (base offset, grasp points, orientations) is constant.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Reference(NamedTuple):
 
 
 class Desired(NamedTuple):
-    """Desired motion of the object at one time: position [m], velocity and acceleration in inertial axes, and heading."""
+    """Desired motion of the object at one time: position [m], velocity, acceleration (inertial axes) and heading."""
 
     x: float
     y: float

@@ -1,4 +1,4 @@
-"""Scenarios: named distributions of episodes, read from YAML (``configs/scenarios``) and drawn with a seeded generator."""
+"""Scenarios: named distributions of episodes, read from YAML (``configs/scenarios``) and drawn with a seed."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class PanelMode(Section):
 class Scenario(Section):
     """A distribution of episodes.
 
-    ``offset_position`` and ``offset_angle`` are the largest shift of robot and object as one from the path, uniform over
-    a disc and an interval. ``panel_modes`` replaces the configured elastic state by free vibration of any phase.
+    ``offset_position`` and ``offset_angle`` are the largest shift of robot and object as one from the path, uniform
+    over a disc and an interval. ``panel_modes`` replaces the configured elastic state by free vibration of any phase.
     """
 
     name: str = Field(description="name of the scenario")

@@ -179,7 +179,8 @@ class Control(Section):
         """Control period beyond which the sampled error dynamics is unstable [s].
 
         A double integrator under ``u = -Kp e - Kd ed``, held over a period T, has the characteristic polynomial
-        ``z^2 - (2 - Kd T - Kp T^2 / 2) z + 1 - Kd T + Kp T^2 / 2``, whose roots lie inside the unit circle if and only if
+        ``z^2 - (2 - Kd T - Kp T^2 / 2) z + 1 - Kd T + Kp T^2 / 2``, whose roots lie inside the unit circle if and only
+        if
         ``T < 2 / Kd`` and ``T < 2 Kd / Kp``.
         """
         return min(2.0 / self.Kd, 2.0 * self.Kd / self.Kp)

@@ -29,8 +29,8 @@ class State:
     Attributes:
         t: time [s].
         q, qd: (n,) base x, y, yaw and joint angles, and rates.
-        qf, qfd: (n_p, 3 elements) elastic coordinates of every node (axial m, transverse m, slope rad), tip last; rates.
-        obj, objd: (3,) the object's pose and velocity; None without an object.
+        qf, qfd: (n_p, 3 elements) elastic coordinates of every node (axial m, transverse m, slope rad), tip last;
+        rates. obj, objd: (3,) the object's pose and velocity; None without an object.
     """
 
     t: float
