@@ -77,8 +77,8 @@ def close_grasps(model: Model, p: Array, v: Array) -> None:
     if not moved < LARGEST_ADJUSTMENT:
         raise ConfigError(
             f"initial.q: the end-effectors do not reach the object's grasp points: closing the grasp would move a "
-            f"joint by {moved:.3g} rad, more than the {LARGEST_ADJUSTMENT} rad that rounding may need; change initial.q "
-            f"or object.grasps"
+            f"joint by {moved:.3g} rad, more than the {LARGEST_ADJUSTMENT} rad that rounding may need; change "
+            f"initial.q or object.grasps"
         )
     for g, arm in enumerate(model.grasp_arm):
         _, tip = arm_points(model, p[:n], v[:n], int(arm))
