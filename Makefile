@@ -1,0 +1,60 @@
+# Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help run test format lint types contracts check clean
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
+PACKAGES := sffr_gym baselines agents
+POLICIES := none hsc ahsc
+PYTEST_ARGS ?=
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/nominal and runs/excited
+	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal
+	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited
+
+test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
+	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+
+format: $(VENV)/.dev ## rewrite the code in the one format
+	$(BIN)/ruff check --fix-only --quiet .
+	$(BIN)/ruff format .
+
+lint: $(VENV)/.dev ## formatting and lint rules, without changing anything
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(VENV)/.dev ## static types
+	$(BIN)/mypy
+
+contracts: $(VENV)/.dev ## which package may import which
+	$(BIN)/lint-imports
+
+check: lint types contracts test ## lint, types, contracts and test
+
+clean: ## remove the virtual environment, tool caches and build products, but no results
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .benchmarks .coverage
+	find $(PACKAGES) tests -name __pycache__ -prune -exec rm -rf {} +
+
+# What is installed is installed again when the list of dependencies or of their versions changes, and only then.
+$(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/pip
+	@echo "Installing the package into $(VENV) ..."
+	@$(INSTALL) ".[plot]"
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/pip
+	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
+	@$(INSTALL) ".[dev]"
+	@touch $@ $(VENV)/.run
+
+$(BIN)/pip:
+	@for python in python3.11 python3; do \
+		if "$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+			exec "$$python" -m venv $(VENV); \
+		fi; \
+	done; \
+	echo "Python 3.11 or later with its venv module is needed, as python3.11 or python3 on the PATH." >&2; exit 1

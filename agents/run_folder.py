@@ -1,0 +1,145 @@
+"""The folder of a run: ``summary.json``, ``episodes.csv`` and ``manifest.json``, each written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import shlex
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import sffr_gym
+from agents.evaluate import Evaluation
+from sffr_gym import ConfigError
+from sffr_gym.metrics import MEASURES
+
+SUMMARY, EPISODES, MANIFEST = "summary.json", "episodes.csv", "manifest.json"
+FIGURES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
+PACKAGES = ("numpy", "numba", "gymnasium", "scipy", "sffr-gym")
+
+
+def check_folder(folder: Path, overwrite: bool = False) -> None:
+    """Make sure, before anything runs, that its result can be written into a folder.
+
+    Raises:
+        ConfigError: if it holds a finished run that is not to be overwritten, or cannot be a folder of ours.
+    """
+    if (folder / SUMMARY).exists() and not overwrite:
+        raise ConfigError(f"{folder}: holds a finished run; choose another folder with --out or add --overwrite")
+    above = folder.absolute()
+    while not above.exists():
+        above = above.parent
+    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+        raise ConfigError(
+            f"{folder}: cannot be written: {above} is {'read-only' if above.is_dir() else 'not a folder'}"
+        )
+
+
+def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> list[Path]:
+    """Write summary, episodes and manifest of an evaluation; the summary last, as the sign of a finished run.
+
+    Args:
+        folder: made if need be.
+        evaluation: what to write.
+        command: the command line as typed, for the manifest.
+
+    Returns:
+        The files, in the order in which they were written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for stale in SUMMARY, *FIGURES:  # of a run that is replaced
+        (folder / stale).unlink(missing_ok=True)
+    texts = {
+        EPISODES: episodes_csv(evaluation),
+        MANIFEST: to_json(manifest(evaluation, command)),
+        SUMMARY: to_json(evaluation.summary()),
+    }
+    return [write_whole(folder / name, text.encode()) for name, text in texts.items()]
+
+
+def episodes_csv(evaluation: Evaluation) -> str:
+    """One row for each episode: policy, seed, every measure, failure, and what the scenario drew."""
+    rows = [result for results in evaluation.results.values() for result in results]
+    drawn = list(dict.fromkeys(name for row in rows for name in row.drawn))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["policy", "seed", *MEASURES, "failure", *drawn])
+    for row in rows:
+        values = [value if isfinite(value := row.measures[name]) else "" for name in MEASURES]
+        writer.writerow([row.policy, row.seed, *values, row.failure, *(row.drawn.get(name, "") for name in drawn)])
+    return text.getvalue()
+
+
+def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
+    """Everything that it takes to repeat a run: versions, code, configuration, seeds, command."""
+    return {
+        "command": shlex.join(command),
+        "started": evaluation.started.isoformat(timespec="seconds"),
+        "duration_s": evaluation.elapsed,
+        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES},
+        "platform": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "git": git_state(Path(sffr_gym.__file__).parent),
+        "policies": list(evaluation.results),
+        "seeds": [evaluation.seed + i for i in range(evaluation.episodes)],
+        "scenario": evaluation.scenario.model_dump(mode="json"),
+        "config_hash": evaluation.params.hash(),
+        "config": evaluation.params.to_dict(),
+    }
+
+
+def package_version(name: str) -> str | None:
+    """Version of an installed distribution; None if it is not installed as one."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def git_state(source: Path) -> dict[str, Any] | None:
+    """Commit of the checkout that tracks a folder of sources, and whether anything differs from it; else None."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", "-C", str(source), *arguments], capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "__init__.py")  # an environment inside of some checkout is no part of it
+        return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def to_json(value: Any) -> str:
+    """JSON with indentation; NaN and infinities, which JSON has not, become null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False) + "\n"
+
+
+def write_whole(path: Path, content: bytes) -> Path:
+    """Write a file under another name and put it into place, so that no reader ever finds a part of it."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _plain(value: Any) -> Any:
+    """The same with NaN and infinities replaced by None and NumPy's numbers by plain ones."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -1,0 +1,237 @@
+"""The command line: what it writes and prints, and how it refuses."""
+
+import io
+import json
+import sys
+import time
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from agents import cli
+from sffr_gym import load_params
+
+SCENARIO = "name: short\ndescription: Nothing is drawn.\nduration: 1.0\n"
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    """A scenario of 1 s."""
+    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
+    file.write_text(SCENARIO)
+    return str(file)
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal that wraps nothing."""
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("TERM", "dumb")
+
+
+def sffr(*arguments):
+    """Run the command and check that no traceback reaches the user."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["/somewhere/bin/sffr", *map(str, arguments)])
+        result = CliRunner().invoke(cli.app, list(map(str, arguments)), prog_name="sffr")
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    assert "Traceback" not in result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def run(scenario, tmp_path_factory):
+    """A run with its folder and output."""
+    folder = tmp_path_factory.mktemp("runs") / "first"
+    result = sffr("evaluate", "none", "ahsc", "-s", scenario, "-n", 2, "--out", folder, "--no-figures")
+    assert result.exit_code == 0, result.output
+    return folder, result
+
+
+def test_run_folder_has_the_promised_files(run):
+    folder, result = run
+    assert sorted(file.name for file in folder.iterdir()) == ["episodes.csv", "manifest.json", "summary.json"]
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 2, 1_000_000)
+    assert list(summary["policies"]) == ["none", "ahsc"]
+    assert len((folder / "episodes.csv").read_text().splitlines()) == 1 + 4
+    assert "summary.json" in result.stdout
+
+
+def test_manifest_has_the_command_as_typed(run, scenario):
+    folder, _ = run
+    command = json.loads((folder / "manifest.json").read_text())["command"]
+    assert command == f"sffr evaluate none ahsc -s {scenario} -n 2 --out {folder} --no-figures"
+
+
+def test_table_is_on_stdout_and_nothing_but_notes_on_stderr(run):
+    _, result = run
+    assert "vibr." in result.stdout and "cost" in result.stdout
+    assert "vibr." not in result.stderr
+
+
+def test_finished_run_is_not_overwritten(run, scenario):
+    folder, _ = run
+    before = (folder / "summary.json").read_bytes()
+    refused = sffr("evaluate", "hsc", "-s", scenario, "--out", folder, "--no-figures")
+    assert refused.exit_code == 2
+    assert "--overwrite" in refused.stderr
+    assert (folder / "summary.json").read_bytes() == before
+
+
+def test_overwrite_replaces(scenario, tmp_path):
+    for policy in "none", "hsc":
+        done = sffr("evaluate", policy, "-s", scenario, "-o", tmp_path, "--no-figures", "--overwrite")
+        assert done.exit_code == 0
+    assert list(json.loads((tmp_path / "summary.json").read_text())["policies"]) == ["hsc"]
+
+
+def test_default_folder_is_named_by_scenario_and_time(scenario, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert sffr("evaluate", "none", "-s", scenario, "--no-figures").exit_code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name.startswith("short-") and (folder / "summary.json").exists()
+
+
+def test_parameters_and_overrides_reach_the_result(run, scenario, tmp_path):
+    (tmp_path / "soft.yaml").write_text("panel: {EI: 15.0}\n")
+    out = tmp_path / "out"
+    options = ["--params", tmp_path / "soft.yaml", "--set", "control.Kp=100", "--set", "object.mass=5"]
+    assert sffr("evaluate", "none", "-s", scenario, "-o", out, "--no-figures", *options).exit_code == 0
+    manifest, summary = (json.loads((out / f"{name}.json").read_text()) for name in ("manifest", "summary"))
+    assert manifest["config"]["panel"]["EI"] == 15.0
+    assert manifest["config"]["control"]["Kp"] == 100.0
+    assert manifest["config"]["object"]["mass"] == 5.0
+    assert manifest["config_hash"] != load_params().hash()
+    default = json.loads((run[0] / "summary.json").read_text())["policies"]["none"]
+    assert summary["policies"]["none"]["tip_max"] != default["tip_max"]
+
+
+def test_quiet_prints_nothing(scenario, tmp_path):
+    done = sffr("evaluate", "none", "-s", scenario, "-o", tmp_path, "--no-figures", "--quiet", "--seed", 1)
+    assert (done.exit_code, done.output) == (0, "")
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_training_seed_is_allowed_with_a_note(scenario, tmp_path):
+    done = sffr("evaluate", "none", "-s", scenario, "-o", tmp_path, "--no-figures", "--seed", 7)
+    assert done.exit_code == 0
+    assert "1000000" in done.stderr
+    assert json.loads((tmp_path / "summary.json").read_text())["seed"] == 7
+
+
+def test_no_figures_without_matplotlib_but_a_result(scenario, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    done = sffr("evaluate", "none", "-s", scenario, "-o", tmp_path)
+    assert done.exit_code == 0
+    assert "pip install 'sffr-gym[plot]'" in done.stderr
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["episodes.csv", "manifest.json", "summary.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "nearest"),
+    [
+        (["evaluat", "hsc"], "evaluate"),
+        (["evaluate", "hsc", "--episods", "3"], "--episodes"),
+        (["evaluate", "hcs"], "'hsc'"),
+        (["evaluate", "hsc", "--scenario", "exited"], "'excited'"),
+        (["evaluate", "hsc", "--set", "panel.masss=3"], "'mass'"),
+        (["evaluate", "hsc", "--params", "sfr.yaml"], "'sffr'"),
+    ],
+)
+def test_unknown_name_fails_with_the_nearest(arguments, nearest, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    failed = sffr(*arguments)
+    assert failed.exit_code == 2
+    assert nearest in failed.stderr
+    assert failed.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "panel.EI=-3"], ["panel.EI", "-3", "greater than 0"]),
+        (["--set", "panel.EI=soft"], ["panel.EI", "soft", "number"]),
+        (["--set", "initial.q.3=1.9"], ["initial.q", "grasp"]),
+        (["--episodes", "0"], ["episodes", "at least 1"]),
+        (["--seed", "-1"], ["seed", "at least 0"]),
+    ],
+)
+def test_bad_value_fails_with_one_clear_line(arguments, words, tmp_path):
+    failed = sffr("evaluate", "hsc", "--out", tmp_path / "run", *arguments)
+    assert failed.exit_code == 2
+    errors = [line for line in failed.stderr.splitlines() if line.startswith("error:")]
+    assert len(errors) == 1
+    assert all(word in errors[0] for word in words)
+    assert not (tmp_path / "run").exists()
+
+
+def test_bad_file_is_named_with_its_line(tmp_path):
+    (tmp_path / "bad.yaml").write_text("panel:\n  EI: -1.0\n")
+    failed = sffr("evaluate", "hsc", "--params", tmp_path / "bad.yaml", "--out", tmp_path / "run")
+    assert failed.exit_code == 2
+    assert f"{tmp_path / 'bad.yaml'}:2" in failed.stderr
+
+
+def test_help_shows_defaults_policies_and_commands():
+    overview, details = sffr("--help"), sffr("evaluate", "--help")
+    assert overview.exit_code == details.exit_code == 0
+    assert "evaluate" in overview.stdout
+    for word in "nominal", "1000000", "ahsc-filtered", "--set", "--figures", "runs/<scenario>":
+        assert word in details.stdout
+    for shown in sffr(), sffr("evaluate"):
+        assert "Usage" in shown.output
+
+
+def test_version():
+    assert sffr("--version").stdout.startswith("sffr-gym ")
+
+
+def display(compiled, monkeypatch, **settings):
+    """A display on a terminal that a test can read, and what it wrote."""
+    monkeypatch.setattr(cli, "is_compiled", lambda: compiled)
+    for name, value in settings.items():
+        monkeypatch.setattr(cli.Display, name, value)
+    text = io.StringIO()
+    return cli.Display(
+        Console(file=text, force_terminal=True, highlight=False, width=100, _environ={"TERM": "xterm"})
+    ), text
+
+
+def test_first_run_says_at_once_that_it_compiles(monkeypatch):
+    show, text = display(False, monkeypatch)
+    with show:
+        show("none", 0, 0)
+        assert cli.Display.COMPILING in text.getvalue()
+        show("none", 0, 100)
+        assert "compiled in" not in text.getvalue()
+        show("none", 10, 100)
+        assert "compiled in 0 s" in text.getvalue()
+        show("hsc", 50, 100)
+        show("hsc", 60, 100)
+    assert text.getvalue().count(cli.Display.COMPILING) == 1
+
+
+def test_silent_policy_is_taken_for_one_that_compiles(monkeypatch):
+    show, text = display(True, monkeypatch, SILENCE=0.05)
+    with show:
+        show("none", 0, 0)
+        show("none", 10, 100)
+        assert text.getvalue() == ""
+        show("random", 50, 100)
+        deadline = time.monotonic() + 10.0
+        while cli.Display.COMPILING not in text.getvalue() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        show("random", 60, 100)
+    assert text.getvalue().index(cli.Display.COMPILING) < text.getvalue().index("compiled in")
+
+
+def test_bar_shows_for_a_long_run_only(monkeypatch):
+    for patience, shown in (0.0, True), (1000.0, False):
+        show, text = display(True, monkeypatch, PATIENCE=patience)
+        with show:
+            for done in 0, 10, 20, 100:
+                show("none", done, 100)
+        assert ("remaining" in text.getvalue()) is shown

@@ -1,0 +1,325 @@
+"""Evaluation: paired episodes, scores on known numbers, the table, and the run folder's files."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+
+import pytest
+from rich.console import Console
+
+from agents import run_folder
+from agents.evaluate import COLUMNS, Evaluation, Result, costs, evaluate, number, ratios, remarks, table
+from agents.run_folder import check_folder, git_state, to_json, write_run, write_whole
+from baselines import make_policy
+from baselines.rollout import rollout
+from sffr_gym import ConfigError, load_params
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.metrics import MEASURES, measure
+
+SEED = 1_000_003
+POLICIES = ["none", "hsc", "ahsc"]
+SHORT = """
+name: short
+description: A short episode with swinging panels.
+duration: 2.0
+panel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    """A scenario of 2 s that draws the panels' excitation."""
+    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
+    file.write_text(SHORT)
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def evaluation(scenario):
+    """Three policies on the same three episodes."""
+    return evaluate(POLICIES, scenario, episodes=3, seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def failing(scenario):
+    """One policy that fails and one that does not."""
+    return evaluate(["hsc", "random"], scenario, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
+
+
+def results(policy, *episodes):
+    """Episodes of a policy from (vibration, tracking, effort) each, None for a failed one."""
+    made = []
+    for i, values in enumerate(episodes):
+        v, e, u = values or (1e-9, 1e-9, 1e-9)
+        measures = {"vibration": v, "track_rmse": e, "piezo_effort": u}
+        made.append(Result(policy, i, measures, "" if values else "lost grasp", {}))
+    return made
+
+
+def printed(evaluation, width):
+    """The table's lines on a terminal of that width."""
+    console = Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(table(evaluation, width))
+    return console.export_text().splitlines()
+
+
+def test_every_policy_gets_the_same_episodes(evaluation):
+    for i in range(3):
+        draws = [evaluation.results[policy][i].drawn for policy in POLICIES]
+        assert draws[0] and draws[0] == draws[1] == draws[2]
+        assert {evaluation.results[policy][i].seed for policy in POLICIES} == {SEED + i}
+    assert len({result.drawn["panel0_mode1_tip_m"] for result in evaluation.results["none"]}) == 3
+    starts = [evaluation.first[policy].p[0].tolist() for policy in POLICIES]
+    assert starts[0] == starts[1] == starts[2]
+
+
+def test_each_episode_is_the_rollout_of_its_seed(evaluation, scenario):
+    env = SFFRFlexEnv(scenario=scenario)
+    for i in range(3):
+        trajectory = rollout(env, make_policy("ahsc", env), SEED + i)
+        assert evaluation.results["ahsc"][i].measures == measure(trajectory.signals, trajectory.period)
+
+
+def test_summary_has_the_promised_keys_and_the_means(evaluation):
+    summary = evaluation.summary()
+    assert list(summary) == ["scenario", "episodes", "seed", "policies"]
+    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 3, SEED)
+    assert list(summary["policies"]) == POLICIES
+    for policy, means in summary["policies"].items():
+        assert list(means) == list(MEASURES)
+        for name, mean in means.items():
+            episodes = [result.measures[name] for result in evaluation.results[policy]]
+            assert mean == pytest.approx(sum(episodes) / 3, rel=1e-12)
+            assert type(mean) is float
+
+
+def test_number_of_episodes_follows_what_the_scenario_draws(tmp_path):
+    quiet, drawing = tmp_path / "quiet.yaml", tmp_path / "drawing.yaml"
+    quiet.write_text("name: quiet\ndescription: Nothing.\nduration: 0.1\n")
+    drawing.write_text("name: drawing\ndescription: Shifts.\nduration: 0.1\noffset_position: 0.01\n")
+    assert evaluate(["none"], str(quiet)).episodes == 1
+    assert evaluate(["none"], str(quiet), episodes=2).episodes == 2
+    assert evaluate(["none"], str(drawing)).episodes == 10
+
+
+def test_overrides_reach_the_result(evaluation, scenario):
+    stiffer = evaluate(["none"], scenario, episodes=1, seed=SEED, overrides=["panel.EI=30", "control.Kp=100"])
+    assert stiffer.params.panel.EI == 30.0
+    assert (
+        stiffer.results["none"][0].measures["track_rmse"] > 2.0 * evaluation.results["none"][0].measures["track_rmse"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"policies": ["hcs"]}, "did you mean 'hsc'"),
+        ({"policies": ["hsc", "hsc"]}, "given twice"),
+        ({"policies": []}, "no policy"),
+        ({"policies": ["hsc"], "scenario": "nominl"}, "did you mean 'nominal'"),
+        ({"policies": ["hsc"], "episodes": 0}, "at least 1"),
+        ({"policies": ["hsc"], "seed": -1}, "at least 0"),
+        ({"policies": ["hsc"], "overrides": ["panel.mas=1"]}, "did you mean 'mass'"),
+    ],
+)
+def test_faults_are_config_errors_that_help(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        evaluate(**arguments)
+
+
+def test_progress_reaches_the_total_and_never_falls(scenario):
+    seen = []
+    evaluate(["none", "hsc"], scenario, episodes=2, seed=SEED, progress=lambda *report: seen.append(report))
+    assert seen[0] == ("none", 0, 0)
+    assert seen[-1] == ("hsc", 4000, 4000)
+    done = [each[1] for each in seen]
+    assert done == sorted(done)
+    assert ("none", 1000, 4000) in seen and ("hsc", 3000, 4000) in seen
+
+
+def test_cost_is_the_weighted_ratio_of_suite_means():
+    own = {
+        "ahsc": results("ahsc", (1.0, 2.0, 4.0), (3.0, 2.0, 4.0)),
+        "other": results("other", (1.0, 4.0, 0.0), (1.0, 4.0, 4.0)),
+    }
+    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": 0.5}  # not (1 + 1/3) / 2
+    assert costs(own)["ahsc"] == pytest.approx(1.0)
+    assert costs(own)["other"] == pytest.approx(0.60 * 0.5 + 0.35 * 2.0 + 0.05 * 0.5)
+
+
+def test_failed_episode_counts_ten_times_the_reference_there():
+    own = {
+        "ahsc": results("ahsc", (1.0, 1.0, 1.0), (3.0, 1.0, 1.0)),
+        "other": results("other", (1.0, 1.0, 1.0), None),
+        "lost": results("lost", None, None),
+    }
+    assert ratios(own, "vibration", "ahsc")["other"] == pytest.approx((1.0 + 30.0) / 4.0)
+    assert costs(own)["lost"] == pytest.approx(10.0)
+
+
+def test_reference_that_fails_is_still_the_measure_of_all():
+    own = {"ahsc": results("ahsc", (2.0, 1.0, 1.0), None), "other": results("other", None, (4.0, 1.0, 1.0))}
+    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": pytest.approx((20.0 + 4.0) / (2.0 + 20.0))}
+    lost = {"ahsc": results("ahsc", None), "other": results("other", (1.0, 1.0, 1.0))}
+    assert all(math.isnan(cost) for cost in costs(lost).values())
+
+
+def test_ratio_to_nothing_is_one_for_nothing_and_infinite_for_something():
+    own = {"none": results("none", (1.0, 1.0, 0.0)), "off": results("off", (1.0, 1.0, 0.0))}
+    own["hsc"] = results("hsc", (1.0, 1.0, 5.0))
+    assert ratios(own, "piezo_effort", "none") == {"none": 1.0, "off": 1.0, "hsc": math.inf}
+    assert all(math.isnan(cost) for cost in costs(own).values())  # no AHSC, no cost
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+def test_table_fits_the_terminal_uncut(evaluation, width):
+    lines = printed(evaluation, width)
+    assert max(map(len, lines)) <= width
+    assert not any("…" in line for line in lines)
+    rows = [line.split() for line in lines]
+    assert [row[0] for row in rows if row and row[0] in POLICIES] == POLICIES
+    shown = sum(always or width > 96 for _, _, always in COLUMNS)
+    assert all(len(row) == 1 + shown + 4 for row in rows if row and row[0] in POLICIES)
+
+
+def test_table_shows_values_in_the_units_of_its_heading(evaluation):
+    lines = printed(evaluation, 100)
+    row = next(line for line in lines if line.startswith("none")).split()
+    units = next(line for line in lines if line.startswith("policy")).split()
+    means = evaluation.summary()["policies"]
+    assert units[1] == "µm"
+    assert float(row[1]) == pytest.approx(means["none"]["track_rmse"] * 1e6, rel=5e-3)
+    assert units[3] == "mJ"
+    assert float(row[3]) == pytest.approx(means["none"]["vibration"] * 1e3, rel=5e-3)
+    assert float(row[-2]) == pytest.approx(costs(evaluation.results)["none"], rel=5e-3)
+
+
+def test_failures_are_counted_and_explained(failing):
+    failures = [result.failure for result in failing.results["random"]]
+    assert all(failures) and not any(result.failure for result in failing.results["hsc"])
+    assert failing.summary()["policies"]["random"]["failed"] == 1.0
+    row = next(line for line in printed(failing, 100) if line.startswith("random")).split()
+    assert row[-1] == "2/2"
+    assert row[-2] == row[-3] == "10.0"  # ratios, to hsc here
+    assert any(line.startswith("random failed in") and failures[0] in line for line in remarks(failing))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (3.2797e-2, "0.0328"), (0.99961, "1.00"), (12.345, "12.3"), (612.3, "612"), (10198.4, "10198"),
+     (1.5e5, "2e5"), (1.5e-5, "2e-5"), (math.nan, "-"), (math.inf, "inf")],
+)  # fmt: skip
+def test_numbers_have_three_digits(value, text):
+    assert number(value) == text
+
+
+def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
+    files = write_run(tmp_path / "new" / "run", evaluation, ["sffr", "evaluate", "none", "--set", "panel.EI=2 5"])
+    assert [file.name for file in files] == ["episodes.csv", "manifest.json", "summary.json"]
+    assert sorted(each.name for each in files[0].parent.iterdir()) == sorted(file.name for file in files)
+    assert json.loads(files[2].read_text()) == evaluation.summary()
+
+    with files[0].open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["policy"], int(row["seed"])) for row in rows] == [(p, SEED + i) for p in POLICIES for i in range(3)]
+    for row in rows:
+        result = evaluation.results[row["policy"]][int(row["seed"]) - SEED]
+        assert {name: float(row[name]) for name in MEASURES} == result.measures
+        assert {name: float(row[name]) for name in result.drawn} == result.drawn
+        assert row["failure"] == ""
+
+    manifest = json.loads(files[1].read_text())
+    assert manifest["command"] == "sffr evaluate none --set 'panel.EI=2 5'"
+    assert manifest["config"] == load_params().to_dict()
+    assert manifest["config_hash"] == load_params().hash()
+    assert manifest["scenario"]["panel_modes"] == [{"mode": 1, "amplitude": [0.05, 0.25]}]
+    assert manifest["seeds"] == [SEED, SEED + 1, SEED + 2]
+    assert {"python", "numpy", "numba", "gymnasium", "scipy", "sffr-gym"} == set(manifest["versions"])
+    assert manifest["duration_s"] > 0.0 and manifest["started"].endswith("+00:00")
+    assert {"platform", "git"} <= set(manifest)
+
+
+def test_failures_are_in_the_episodes_file(failing):
+    rows = list(csv.DictReader(run_folder.episodes_csv(failing).splitlines()))
+    assert [row["failure"] for row in rows] == [
+        result.failure for policy in ("hsc", "random") for result in failing.results[policy]
+    ]
+
+
+def test_finished_run_is_kept_unless_overwriting(evaluation, tmp_path):
+    write_run(tmp_path, evaluation, [])
+    with pytest.raises(ConfigError, match="--overwrite"):
+        check_folder(tmp_path)
+    check_folder(tmp_path, overwrite=True)
+    (tmp_path / "path.png").write_bytes(b"of the run before")
+    (tmp_path / "mine.png").write_bytes(b"somebody else's")
+    write_run(tmp_path, evaluation, [])
+    assert not (tmp_path / "path.png").exists()
+    assert (tmp_path / "mine.png").exists()
+
+
+def test_folder_that_cannot_be_is_refused_beforehand(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="not a folder"):
+        check_folder(tmp_path / "file" / "run")
+
+
+def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
+    write_run(tmp_path, evaluation, [])
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_folder.os, "replace", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_run(tmp_path, evaluation, [])
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["episodes.csv", "manifest.json"]
+    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 10  # the old one, whole
+
+
+def test_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+    file = write_whole(tmp_path / "a.json", b"old")
+
+    def full(self, content):
+        with self.open("wb") as part:
+            part.write(content[:1])
+        raise OSError("no space left")
+
+    monkeypatch.setattr(type(file), "write_bytes", full)
+    with pytest.raises(OSError, match="no space"):
+        write_whole(file, b"new")
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_json_has_null_for_what_is_not_a_number():
+    assert json.loads(to_json({"a": [math.nan, math.inf, 1.5], "b": None})) == {"a": [None, None, 1.5], "b": None}
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_git_state_is_that_of_the_checkout_that_tracks_the_sources(tmp_path):
+    def git(*arguments):
+        identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        subprocess.run(["git", "-C", str(tmp_path), *identity, *arguments], check=True, capture_output=True)
+
+    source, other = tmp_path / "package", tmp_path / "ignored" / "package"
+    for folder in source, other:
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").write_text("")
+    assert git_state(source) is None
+    git("init")
+    (tmp_path / ".gitignore").write_text("ignored/\n")
+    git("add", ".")
+    git("commit", "-m", "first")
+    state = git_state(source)
+    assert len(state["commit"]) == 40 and state["dirty"] is False
+    assert git_state(other) is None  # an environment that happens to lie in a checkout
+    (source / "__init__.py").write_text("changed = True\n")
+    assert git_state(source)["dirty"] is True
+
+
+def test_evaluation_refers_to_the_first_policy_without_ahsc(evaluation, failing):
+    assert isinstance(evaluation, Evaluation)
+    assert (evaluation.reference, failing.reference) == ("ahsc", "hsc")

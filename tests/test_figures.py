@@ -1,0 +1,191 @@
+"""Figures: the geometry that they draw, and that every picture shows what it is to show."""
+
+import numpy as np
+import pytest
+
+from agents.evaluate import evaluate
+from agents.figures import COLOURS, _range, damping, forces, make_view, quasi_static, save_figures, tracking
+from agents.robot_figure import arm_line, in_base_axes, panel_line, path_figure, tip_deflections
+from agents.run_folder import FIGURES
+from baselines.rollout import STRIDE
+from sffr_gym.beam import N_TIP
+from sffr_gym.kinematics import grasp_points, rotation
+from sffr_gym.model import mode_slice, nodal, object_slice
+from sffr_gym.task import ERROR, VIBRATION
+
+mpl = pytest.importorskip("matplotlib")
+from matplotlib.colors import to_rgb  # noqa: E402
+from matplotlib.image import imread  # noqa: E402
+
+SCENARIO = """
+name: short
+description: A short episode with swinging panels, off the path and turned.
+duration: 2.0
+panel_modes: [{mode: 1, amplitude: [0.05, 0.25]}, {mode: 2, amplitude: [0.0, 0.01]}]
+offset_position: 0.1
+offset_angle: 0.05
+"""
+
+
+def run(folder, policies, *overrides):
+    """Evaluate policies on one short episode."""
+    file = folder / "short.yaml"
+    file.write_text(SCENARIO)
+    return evaluate(policies, str(file), episodes=1, overrides=overrides)
+
+
+@pytest.fixture(scope="module")
+def evaluation(tmp_path_factory):
+    """Three policies; panels of two elements, the path turning."""
+    overrides = "panel.elements=2", "path.heading=tangent", "path.radius=8"
+    return run(tmp_path_factory.mktemp("scenario"), ["none", "hsc", "ahsc"], *overrides)
+
+
+@pytest.fixture(scope="module")
+def view(evaluation):
+    """The same for the painters."""
+    return make_view(evaluation)
+
+
+@pytest.fixture(scope="module")
+def pictures(evaluation, tmp_path_factory):
+    """The files, by name."""
+    folder = tmp_path_factory.mktemp("figures")
+    return {file.name: file for file in save_figures(folder, evaluation)}
+
+
+def share(picture, colour):
+    """Share of a picture's pixels that have a colour."""
+    return np.mean(np.all(np.abs(picture[..., :3] - to_rgb(colour)) < 0.02, axis=-1))
+
+
+def test_every_figure_is_there_and_not_blank(pictures):
+    assert list(pictures) == list(FIGURES)
+    for file in pictures.values():
+        picture = imread(file)
+        height, width = picture.shape[:2]
+        assert width >= 1200 and height >= 500
+        assert 0.01 < np.mean(picture[..., :3].min(axis=-1) < 0.9) < 0.5  # ink
+
+
+def test_figures_leave_nothing_else_behind(pictures):
+    folder = next(iter(pictures.values())).parent
+    assert sorted(file.name for file in folder.iterdir()) == sorted(FIGURES)
+
+
+@pytest.mark.parametrize("name", ["tracking.png", "panels.png", "forces.png"])
+def test_every_policy_shows_in_its_colour(pictures, name):
+    picture = imread(pictures[name])
+    assert all(share(picture, COLOURS[policy]) > 1e-4 for policy in ("none", "hsc", "ahsc"))
+
+
+def test_damping_shows_only_policies_that_have_one(view):
+    for axes in damping(view).axes:
+        assert [line.get_label() for line in axes.get_lines()] == ["hsc", "ahsc"]
+    lines = damping(view).axes[1].get_lines()  # of q5, right panel
+    np.testing.assert_array_equal(lines[1].get_ydata(), view.trajectories["ahsc"].B_hat[:, 1, 1])
+
+
+def test_panels_side_by_side_share_a_range_that_shows_both(view):
+    for axes in damping(view).axes:
+        low, high = axes.get_ylim()
+        assert all(low < line.get_ydata().min() and line.get_ydata().max() < high for line in axes.get_lines())
+
+
+def test_no_damping_figure_without_damping(tmp_path):
+    none = run(tmp_path, ["none"])
+    assert damping(make_view(none)) is None
+    assert [file.name for file in save_figures(tmp_path, none)] == [name for name in FIGURES if name != "damping.png"]
+
+
+def test_drawn_arms_hold_the_object(evaluation, view):
+    for p in evaluation.first["ahsc"].p[::10]:
+        points = grasp_points(view.model, p[object_slice(view.model)])
+        for point, arm in zip(points, view.model.grasp_arm, strict=True):
+            np.testing.assert_allclose(arm_line(view.model, p, arm)[-1], point, atol=1e-7)
+
+
+def test_drawn_panel_ends_at_its_tip_coordinates(evaluation, view):
+    trajectory, model = evaluation.first["none"], view.model
+    row = len(trajectory.p) // 2
+    p = trajectory.p[row]
+    axial, transverse, _ = np.moveaxis(nodal(model, p[mode_slice(model)])[:, -N_TIP:], 0, 1)
+    assert np.abs(transverse).min() > 1e-3
+    np.testing.assert_allclose(tip_deflections(model, trajectory.p)[row], transverse, rtol=1e-12)
+    for i, (angle, factor) in enumerate([(np.pi / 2, 1.0), (-np.pi / 2, 5.0)]):
+        line = panel_line(model, view.params, p, i, factor)
+        local = (line - p[:2]) @ rotation(p[2]) - model.panel_root[i]
+        tip = rotation(angle).T @ local[-1]
+        np.testing.assert_allclose(tip, [view.params.panel.length + axial[i], factor * transverse[i]], atol=1e-12)
+        np.testing.assert_allclose(local[0], 0.0, atol=1e-12)
+
+
+def test_base_axes_keep_the_robot_together(evaluation, view):
+    p = evaluation.first["ahsc"].p[-1]
+    seen = in_base_axes(view.model, p)
+    assert not seen[:3].any()
+    tip = arm_line(view.model, seen, view.model.grasp_arm[0])[-1]
+    np.testing.assert_allclose(tip, grasp_points(view.model, seen[object_slice(view.model)])[0], atol=1e-7)
+
+
+def test_quasi_static_shape_is_that_of_the_measure(evaluation, view):
+    model = view.model
+    for trajectory in evaluation.first.values():
+        at = mode_slice(model)
+        deflection = (trajectory.p - quasi_static(view, trajectory))[:, at].reshape(-1, *model.omega2.shape)
+        rate = trajectory.v[:, at].reshape(deflection.shape)
+        energy = 0.5 * (rate**2 + model.omega2 * deflection**2)[:, :, model.n_axial :].sum(axis=(1, 2))
+        ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1  # a signal is that of the period's end
+        np.testing.assert_allclose(energy[1:], trajectory.signals[ticks, VIBRATION], rtol=1e-9)
+
+
+def test_tracking_shows_the_measured_error(evaluation, view):
+    axes = tracking(view).axes[0]
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    for policy, trajectory in evaluation.first.items():
+        ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1
+        np.testing.assert_allclose(lines[policy].get_ydata()[1:], trajectory.signals[ticks, ERROR], rtol=1e-6)
+
+
+def test_forces_have_their_limits_in_writing_and_all_of_their_curve(view):
+    figure = forces(view)
+    titles = [axes.get_title(loc="right") for axes in figure.axes]
+    assert titles.count("limit \u00b1100 N") == 2
+    assert titles.count("limit \u00b1100 N m") == 1
+    assert titles.count("limit \u00b17 N m") == 6
+    assert titles.count("limit \u00b1200 V") == 6
+    for axes in figure.axes:
+        low, high = axes.get_ylim()
+        assert all(low <= line.get_ydata().min() and line.get_ydata().max() <= high for line in axes.get_lines())
+    shown = [axes for axes in figure.axes if axes.get_title(loc="left") == "arm1 joint 2 [N m]"]
+    trajectory = view.trajectories["none"]
+    np.testing.assert_array_equal(shown[0].get_lines()[0].get_ydata(), trajectory.applied[:, 10])
+
+
+def test_peak_of_a_moment_does_not_squash_the_rest():
+    wave = np.sin(np.linspace(0.0, 6.0, 2000))
+    low, high = _range(np.append(wave, -100.0))
+    assert -1.2 < low < -0.9 and 0.9 < high < 1.2
+    low, high = _range(np.append(wave, -3.0))
+    assert low < -3.0
+    low, high = _range(np.zeros(10))
+    assert low < 0.0 < high
+
+
+def test_policy_that_fails_does_not_squash_the_others(tmp_path):
+    both = run(tmp_path, ["hsc", "random"], "limits.position=0.5", "limits.tip=0.15")
+    assert both.first["random"].failure and not both.first["hsc"].failure
+    (axes,) = (
+        each for each in forces(make_view(both)).axes if each.get_title(loc="left") == "left piezo transverse [V]"
+    )
+    volts = {policy: np.abs(trajectory.applied[:, 1]).max() for policy, trajectory in both.first.items()}
+    assert volts["hsc"] < axes.get_ylim()[1] < 2.0 * volts["hsc"] < volts["random"]
+
+
+def test_robot_without_an_object_or_arms_is_drawn(tmp_path):
+    free = run(tmp_path, ["hsc"], "object=null", "arms=[]", "initial.q=[0, 0, 0]", "initial.qd=[0.85, 0, 0]")
+    view = make_view(free)
+    figure = path_figure(free.first["hsc"], view.model, view.params)
+    texts = {text.get_text() for text in figure.axes[1].texts}
+    assert {"base", "left panel", "right panel"} <= texts and "object" not in texts
+    assert len(save_figures(tmp_path, free)) == len(FIGURES)
