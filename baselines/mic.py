@@ -43,8 +43,16 @@ class MicWork(NamedTuple):
 
 def layout(fields: dict[str, Field]) -> Layout:
     """Offsets of the fields that the law reads."""
-    names = ("base_error", "tip_error", "object_error", "hold_error", "joint_angle", "yaw_rate", "elastic")
-    return Layout(*(fields[name].start for name in names), fields["reference_velocity"].start)
+    return Layout(
+        base=fields["base_error"].start,
+        tip=fields["tip_error"].start,
+        object=fields["object_error"].start,
+        hold=fields["hold_error"].start,
+        angle=fields["joint_angle"].start,
+        yaw_rate=fields["yaw_rate"].start,
+        elastic=fields["elastic"].start,
+        reference=fields["reference_velocity"].start,
+    )
 
 
 @kernel(allocates=True)

@@ -70,13 +70,16 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
     policy.reset(seed=seed)
     ticks = env.scenario.ticks(env.params)
     record = _make_record(env, ticks)
-    runner = _run_compiled if isinstance(policy, LawPolicy) else _run_stepwise
-    done, failure = runner(env, policy, obs, ticks, record, progress or (lambda _: None))
+    report = progress or (lambda _: None)
+    if isinstance(policy, LawPolicy):
+        done, failure = _run_compiled(env, policy, obs, ticks, record, report)
+    else:
+        done, failure = _run_stepwise(env, policy, obs, ticks, record, report)
     rows = (done - 1) // STRIDE + 1
     kept = {name: getattr(record, name)[:rows] for name in Record._fields[2:]}
     return Trajectory(
         policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.robot.period,
-        signals=record.signals[:done], t=np.arange(rows) * STRIDE * env.robot.period, **kept,
+        signals=record.signals[:done], t=np.linspace(0.0, (rows - 1) * STRIDE * env.robot.period, rows), **kept,
         reference=env.reference, fields=env.fields, failure=failure, drawn=info["drawn"],
     )  # fmt: skip
 

@@ -63,7 +63,7 @@ def make_suppression(prior: Params, *, active: bool, adaptive: bool, filtered: b
         psi=law.psi,
         filtered=float(filtered),
         period=prior.control.period,
-        M_inv=np.linalg.inv(shape.M_ff),
+        M_inv=np.asarray(np.linalg.inv(shape.M_ff), dtype=np.float64),
         M_ff=shape.M_ff,
         centrifugal=shape.c_x,
         gyroscopic=shape.N - shape.N.T,

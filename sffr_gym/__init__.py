@@ -8,9 +8,9 @@ from sffr_gym.simulator import Simulator, State
 __all__ = ["ConfigError", "Params", "Simulator", "State", "load_params"]
 
 if "SFFRFlex-v0" not in gymnasium.registry:
+    # No max_episode_steps: the environment itself truncates when its scenario's time is over.
     gymnasium.register(
         id="SFFRFlex-v0",
         entry_point="sffr_gym.env:SFFRFlexEnv",
         vector_entry_point="sffr_gym.vector_env:SFFRFlexVectorEnv",
-        max_episode_steps=55_440,  # once around at 0.85 m/s; the environment itself follows its scenario
     )

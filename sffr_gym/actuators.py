@@ -37,7 +37,7 @@ def pack_actuators(params: Params, model: Model) -> Actuators:
     piezo = params.actuators.piezo
     authority = np.diag([piezo.force, piezo.force, piezo.moment]) / piezo.voltage
     n_p = len(model.panel_root)
-    K_PZ = np.ascontiguousarray(np.broadcast_to(authority, (n_p, *authority.shape)))
+    K_PZ = np.tile(authority, (n_p, 1, 1))
     thrust = params.actuators.thruster_force
     limits = (
         np.full(n_p * authority.shape[1], piezo.voltage),
@@ -47,8 +47,8 @@ def pack_actuators(params: Params, model: Model) -> Actuators:
     return Actuators(
         limit=np.concatenate(limits),
         K_PZ=K_PZ,
-        allocation=np.ascontiguousarray(np.linalg.pinv(K_PZ)),
-        modal_force=np.ascontiguousarray(tip_rows(model).transpose(0, 2, 1)),
+        allocation=np.array(np.linalg.pinv(K_PZ), dtype=np.float64, order="C"),
+        modal_force=tip_rows(model).transpose(0, 2, 1).copy(),
     )
 
 

@@ -128,6 +128,10 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(THREADS, thread_name_prefix="sffr-gym")
 
 
+if hasattr(os, "register_at_fork"):  # threads do not survive a fork: the child makes its own
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
 @kernel(inline=True, allocates=True)
 def _reference(batch, i):
     r = batch.reference[i]

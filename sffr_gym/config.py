@@ -52,7 +52,7 @@ class _Loader(yaml.SafeLoader):
     PyYAML follows YAML 1.1, in which `3e-4` is a text, `010` is eight, `1:30` is ninety and `off` is false.
     """
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own name)
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Compose a mapping and raise if two of its keys are the same."""

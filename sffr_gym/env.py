@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -89,7 +89,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     - v0: first version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 500}
+    metadata = {"render_modes": [], "render_fps": 500}
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         if self._ticks == 0:
             raise gym.error.ResetNeeded("call reset before step")
-        action = check_action(action, self.action_space.shape)
+        action = check_action(action, self.robot.scale.shape)
         batch = self._batch
         step_batch(self.robot, batch, action[None], _ONE)
         terminated = bool(batch.status[0] != RUNNING)

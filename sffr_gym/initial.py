@@ -29,8 +29,8 @@ def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
     v[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qfd))
     if params.object is not None:
         p[object_slice(model)] = _object_pose(model, p[rigid], v[rigid])
-        v[object_slice(model)] = _object_twist(model, p, v)
-        close_grasps(model, p, v)
+        close_grasps(model, p)
+        match_velocities(model, p, v)
     return p, v
 
 
@@ -54,20 +54,20 @@ def tip_displacement(params: Params, model: Model, tip: tuple) -> Array:
     return nodes.reshape(n_p, n_f)
 
 
-def close_grasps(model: Model, p: Array, v: Array) -> None:
-    """Move the joints of the grasping arms, in place, until every tip sits on its grasp point with its velocity.
+def close_grasps(model: Model, p: Array) -> None:
+    """Move the joints of the grasping arms, in place, until every tip sits on its grasp point.
 
     Raises:
         ConfigError: if the gap does not close within a small correction.
     """
     start = p[joint_slice(model)].copy()
-    n = joint_slice(model).stop
+    n, still = joint_slice(model).stop, np.zeros(joint_slice(model).stop)
     at = object_slice(model)
     for _ in range(ASSEMBLY_STEPS):
         targets = grasp_points(model, p[at])
         gaps = []
         for g, arm in enumerate(model.grasp_arm):
-            _, tip = arm_points(model, p[:n], v[:n], int(arm))
+            _, tip = arm_points(model, p[:n], still, int(arm))
             gaps.append(np.linalg.norm(targets[g] - tip.x))
             joints = _joints(model, int(arm))
             p[joints] += np.linalg.pinv(tip.J[:, joints]) @ (targets[g] - tip.x)
@@ -80,6 +80,12 @@ def close_grasps(model: Model, p: Array, v: Array) -> None:
             f"joint by {moved:.3g} rad, more than the {LARGEST_ADJUSTMENT} rad that rounding may need; change "
             f"initial.q or object.grasps"
         )
+
+
+def match_velocities(model: Model, p: Array, v: Array) -> None:
+    """Give the object, in place, the velocity that the grippers share, and their joints the rates that keep it."""
+    n, at = joint_slice(model).stop, object_slice(model)
+    v[at] = _object_twist(model, p, v)
     for g, arm in enumerate(model.grasp_arm):
         _, tip = arm_points(model, p[:n], v[:n], int(arm))
         joints = _joints(model, int(arm))

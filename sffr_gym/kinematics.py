@@ -1,5 +1,4 @@
-"""Positions, velocities and Jacobians of points of the rigid part, in plain NumPy for everything that is not a hot
-loop.
+"""Positions, velocities and Jacobians of points of the rigid part, in plain NumPy, for all that is not a hot loop.
 
 Inertial axes throughout; see ``model`` for frames and signs. The compiled counterparts are in ``arms``.
 """

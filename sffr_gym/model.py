@@ -39,6 +39,9 @@ from sffr_gym.params import Params
 
 N_BASE = 3  # x, y, yaw
 N_BODY = 3  # a planar body's coordinates: the object's
+RINGING = 0.9  # a stiff mode that keeps more than this of its amplitude over a step rings on
+LARGEST_TURN = 3.0  # rad that the clamped frequency of such a mode may turn in a step
+RK4_TURN = 2.0  # rad that any clamped frequency may turn in a step of the classical method, stable up to 2.8
 STIFF = 0.2  # modes whose natural frequency times the step exceeds this go into the exponential part of the integrator
 
 IntArray = NDArray[np.int64]
@@ -75,6 +78,7 @@ class Model(NamedTuple):
     grasp_arm: IntArray  # (n_g,) index of the arm that holds each grasp point
     grasp_point: Array  # (n_g, 2) [m] object frame
     baumgarte: float  # decay rate of constraint errors [1/s]
+    longest_step: float  # [s] of the integrator
     stiff: IntArray  # (n_s, 3) panel, mode and index in p of each stiff mode
     stiff_omega: Array  # (n_s,) [rad/s]
     eta: float  # strain-rate damping [s]
@@ -142,10 +146,31 @@ def pack(params: Params) -> Model:
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
         grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
         baumgarte=params.simulation.baumgarte,
+        longest_step=_longest_step(params, modes.omega, modes.omega[is_stiff]),
         stiff=np.array(stiff, dtype=np.int64).reshape(-1, 3),
         stiff_omega=np.tile(modes.omega[is_stiff], n_p),
         eta=panel.strain_rate_damping,
     )
+
+
+def steps_in(model: Model, duration: float) -> int:
+    """Number of equal integration steps in a duration [s]."""
+    return max(int(np.ceil(duration / model.longest_step - 1e-9)), 1)
+
+
+def _longest_step(params: Params, omega: Array, stiff_omega: Array) -> float:
+    """The configured longest step, or less for the classical method, and for stiff modes that ring on and on.
+
+    A stiff mode that turns by 2 pi within a step looks like slow motion to the integrator's stages. Damped as it is by
+    default, its vibration is gone after a few steps and does no harm; else steps are kept shorter than that. The free
+    robot's axial modes lie up to a third above the clamped ones.
+    """
+    longest = params.simulation.max_step
+    if params.simulation.integrator == "rk4":
+        return min(longest, RK4_TURN / omega.max(initial=RK4_TURN / longest))
+    decay = np.exp(-0.5 * params.panel.strain_rate_damping * stiff_omega**2 * longest)
+    ringing = stiff_omega[decay > RINGING]
+    return min(longest, LARGEST_TURN / ringing.max()) if len(ringing) else longest
 
 
 def panel_beam(params: Params) -> Beam:
@@ -166,9 +191,9 @@ def modal(model: Model, q_f: Array) -> Array:
 
 def tip_rows(model: Model) -> Array:
     """Rows of ``shapes`` that give the tip node's axial, transverse and slope coordinates, (n_p, 3, n_m)."""
-    return np.ascontiguousarray(model.shapes[:, -N_TIP:, :])
+    return model.shapes[:, -N_TIP:, :]
 
 
 def _repeat(values: Array, n_panels: int) -> Array:
     """One contiguous copy of a panel's constants for each panel."""
-    return np.ascontiguousarray(np.broadcast_to(values, (n_panels, *values.shape)))
+    return np.broadcast_to(values, (n_panels, *values.shape)).copy()

@@ -40,8 +40,10 @@ def panel_equations(beam: Beam, delta: float, delta_d: float, qf: Array, qfd: Ar
 
     Args:
         beam: the panel's shape integrals.
-        delta: angle of the panel's x axis from the inertial one [rad]; delta_d: its rate [rad/s].
-        qf, qfd: (n_f,) nodal elastic coordinates and rates.
+        delta: angle of the panel's x axis from the inertial one [rad].
+        delta_d: its rate [rad/s].
+        qf: (n_f,) nodal elastic coordinates [m, rad].
+        qfd: (n_f,) their rates.
     """
     R, dR = rotation(delta), rotation(delta + np.pi / 2)  # dR = dR/d(delta)
     first = np.array([beam.first_moment + beam.S_x @ qf, beam.S_y @ qf])  # integral of rho a (x + u, w)
@@ -79,8 +81,10 @@ def assemble(model: Model, beam: Beam, q: Array, qd: Array, qf: Array, qfd: Arra
     Args:
         model: the robot.
         beam: the panels' shape integrals.
-        q, qd: (n,) rigid coordinates and rates.
-        qf, qfd: (n_p, n_f) elastic coordinates and rates.
+        q: (n,) rigid coordinates [m, rad].
+        qd: (n,) their rates.
+        qf: (n_p, n_f) elastic coordinates [m, rad].
+        qfd: (n_p, n_f) their rates.
     """
     n, (n_p, n_f) = len(q), qf.shape
     M, h = np.zeros((n + n_p * n_f, n + n_p * n_f)), np.zeros(n + n_p * n_f)

@@ -13,8 +13,8 @@ import numpy as np
 
 from sffr_gym import arms
 from sffr_gym._jit import kernel
-from sffr_gym.beam import N_TIP, Array
-from sffr_gym.model import N_BASE, Model
+from sffr_gym.beam import N_TIP
+from sffr_gym.model import N_BASE, IntArray, Model
 from sffr_gym.params import Params
 
 
@@ -40,7 +40,7 @@ class Field(NamedTuple):
         return slice(self.start, self.start + self.size)
 
 
-def held_joints(model: Model) -> Array:
+def held_joints(model: Model) -> IntArray:
     """Joints that the task asks to hold their angles: all but the first two of each grasping arm."""
     moving = [model.arm_first[arm] + k for arm in model.grasp_arm for k in (0, 1)]
     return np.setdiff1d(np.arange(len(model.link_mass)), moving).astype(np.int64)

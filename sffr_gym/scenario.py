@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 
 from sffr_gym import config
 from sffr_gym.beam import N_TIP, Array
-from sffr_gym.initial import initial_positions
+from sffr_gym.initial import initial_positions, match_velocities
 from sffr_gym.kinematics import rotation
 from sffr_gym.model import N_BASE, Model, mode_slice, object_slice
-from sffr_gym.params import Params
+from sffr_gym.params import ConfigError, Params
 from sffr_gym.reference import Reference, circle_reference
 from sffr_gym.sections import Section
 
@@ -81,7 +81,11 @@ def load_scenario(name: str | os.PathLike[str]) -> Scenario:
 
 
 def draw(scenario: Scenario, params: Params, model: Model, rng: np.random.Generator) -> Episode:
-    """Draw an episode; the same generator state gives the same episode."""
+    """Draw an episode; the same generator state gives the same episode.
+
+    Raises:
+        ConfigError: if the scenario excites a mode that the panels do not have.
+    """
     p, v = initial_positions(params, model)
     reference = circle_reference(params, model, p)
     drawn: dict[str, float] = {}
@@ -100,6 +104,11 @@ def _excite(
     for panel in range(shape[0]):
         for excited in scenario.panel_modes:
             mode = model.n_axial + excited.mode - 1
+            if mode >= shape[1]:
+                raise ConfigError(
+                    f"{scenario.name}: panel_modes: mode {excited.mode} is not there; the panels have "
+                    f"{shape[1] - model.n_axial} bending modes (panel.elements, panel.mode_cut)"
+                )
             tip, phase = rng.uniform(*excited.amplitude), rng.uniform(0.0, 2.0 * np.pi)
             amplitude = tip / model.shapes[panel, -N_TIP + 1, mode]
             amplitudes[panel, mode] = amplitude * np.cos(phase)
@@ -112,7 +121,7 @@ def _excite(
 def _offset(
     scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: dict[str, float]
 ) -> None:
-    """Shift and turn robot and object as one about the object, in place; velocities stay as they are."""
+    """Shift and turn robot and object as one about the object, in place; the base keeps its velocity."""
     if scenario.offset_position == 0.0 and scenario.offset_angle == 0.0:
         return
     distance = scenario.offset_position * np.sqrt(rng.uniform())
@@ -125,3 +134,4 @@ def _offset(
     p[2] += angle
     if model.object_mass > 0:
         p[carried] += np.append(shift, angle)
+        match_velocities(model, p, v)

@@ -16,7 +16,7 @@ from sffr_gym.dynamics import accelerations, flexible_wrench
 from sffr_gym.initial import initial_positions
 from sffr_gym.integrator import INTEGRATORS, advance, step_workspace
 from sffr_gym.kinematics import rotation
-from sffr_gym.model import joint_slice, modal, mode_slice, n_positions, nodal, object_slice, pack, panel_beam
+from sffr_gym.model import joint_slice, modal, mode_slice, n_positions, nodal, object_slice, pack, panel_beam, steps_in
 from sffr_gym.params import Params, load_params
 
 RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
@@ -114,11 +114,12 @@ class Simulator:
             piezo_tau: (n_p, 3) wanted piezo forces on the tip coordinates [N, N, N m], or
             piezo_volts: (n_p, n_c) voltages [V]; not both.
             wrench: (3,) force of the surroundings on the base along the base axes and moment; it knows no limit.
-            dt: duration [s]; the control period if left out. Cut into steps of at most ``simulation.max_step``.
+            dt: duration [s]; the control period if left out. Cut into steps of at most ``simulation.max_step``, or less
+                for panels without damping.
 
         Raises:
-            ValueError: for a wrong shape, a number that is not finite, a duration that is not positive, or both
-                ``piezo_tau`` and ``piezo_volts``.
+            ValueError: for a wrong shape or a number that is not finite, in the state or the forces, a duration that is
+                not positive, or both ``piezo_tau`` and ``piezo_volts``.
         """
         dt = self.params.control.period if dt is None else float(dt)
         if not (np.isfinite(dt) and dt > 0.0):
@@ -127,8 +128,7 @@ class Simulator:
         tau = self._forces(applied)
         tau[:3] += _vector("wrench", wrench, (3,))
         p, v = self._flat(state)
-        steps = int(np.ceil(dt / self.params.simulation.max_step - 1e-9))
-        advance(self.model, p, v, tau, dt, max(steps, 1), self._integrator, self._work)
+        advance(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
         return self.unflatten(state.t + dt, p, v)
 
     def applied(
@@ -159,7 +159,7 @@ class Simulator:
         return self._assembled(state)[0]
 
     def bias(self, state: State) -> Array:
-        """h (N,) of ``M zdd + h = Q``: velocity terms, elastic forces and strain-rate damping."""
+        """Bias h (N,) of ``M zdd + h = Q``: velocity terms, elastic forces and strain-rate damping."""
         return self._assembled(state)[1]
 
     def acceleration(self, state: State, **command: ArrayLike | None) -> tuple[Array, Array, Array]:
@@ -252,7 +252,15 @@ class Simulator:
         return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
 
     def _flat(self, state: State) -> tuple[Array, Array]:
-        """Positions and velocities of a state as the kernels know them."""
+        """Positions and velocities of a state as the kernels know them; raises ValueError if it is not this robot's."""
+        n, elastic, body = joint_slice(self.model).stop, self.model.shapes.shape[:2], object_slice(self.model)
+        shapes = {"q": (n,), "qd": (n,), "qf": elastic, "qfd": elastic}
+        if body.stop > body.start:
+            shapes |= {"obj": (3,), "objd": (3,)}
+        for name, shape in shapes.items():
+            value = getattr(state, name)
+            if np.shape(value) != shape or not np.isfinite(value).all():
+                raise ValueError(f"state.{name} must be finite and have shape {shape}, got {value!r}")
         p, v = (
             np.concatenate([rigid, modal(self.model, elastic), [] if body is None else body])
             for rigid, elastic, body in ((state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd))

@@ -15,7 +15,7 @@ from sffr_gym._jit import assign, kernel
 from sffr_gym.actuators import Actuators, generalized_forces, pack_actuators, saturate
 from sffr_gym.beam import Array
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
-from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack
+from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack, steps_in
 from sffr_gym.observation import held_joints, observation_fields, observe, wrap
 from sffr_gym.params import Params
 from sffr_gym.reference import desired
@@ -102,7 +102,7 @@ def make_robot(params: Params) -> Robot:
         actuators=actuators,
         held=held_joints(model),
         period=period,
-        steps=int(np.ceil(period / params.simulation.max_step - 1e-9)),
+        steps=steps_in(model, period),
         integrator=INTEGRATORS[params.simulation.integrator],
         limit=np.array([limits.tip * params.panel.length, limits.arm_singularity, limits.grasp_gap]),
         scale=actuators.limit.copy(),
@@ -149,7 +149,7 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     want = desired(reference, t_end)
     observe(robot, reference, want, p, v, buffers.step.dynamics, obs)
     _measure_state(robot, reference, want, p, v, buffers, signals)
-    _measure_effort(robot, command, buffers, signals)
+    _measure_effort(robot, buffers, signals)
     return _status(robot, p, v, obs, buffers)
 
 
@@ -229,8 +229,8 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
 
 
 @kernel(inline=True)
-def _measure_effort(robot, command, buffers, signals):
-    """Fill the signals that depend on the command; call after ``advance`` and ``_measure_state``."""
+def _measure_effort(robot, buffers, signals):
+    """Fill the signals that depend on the applied command; call after ``advance`` and ``_measure_state``."""
     applied, limit, q_flex = buffers.applied, robot.actuators.limit, buffers.step.q_flex
     n_l = len(robot.model.link_mass)
     n_v = len(applied) - n_l - N_BASE
@@ -239,7 +239,7 @@ def _measure_effort(robot, command, buffers, signals):
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(len(applied)):
-        beyond = 1.0 if abs(command[k]) > limit[k] else 0.0
+        beyond = 1.0 if abs(applied[k]) >= limit[k] else 0.0
         if k < n_v:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += beyond / n_v

@@ -77,7 +77,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._batch = make_batch(self.robot, num_envs)
         self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
         self._drawn: dict[str, Array] = {}
-        self._ticks = 0
+        self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._seeded = False
         self._all = np.ones(num_envs, dtype=np.bool_)
@@ -106,9 +106,9 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ValueError: for actions of the wrong shape or with NaN.
             gymnasium.error.ResetNeeded: before the first reset, or with DISABLED autoreset for a finished environment.
         """
-        if self._ticks == 0:
-            raise gym.error.ResetNeeded("call reset before step")
-        actions = check_action(actions, self.action_space.shape)
+        if not self._ticks.all():
+            raise gym.error.ResetNeeded("call reset for every environment before step")
+        actions = check_action(actions, (self.num_envs, *self.robot.scale.shape))
         again = self._done & (self.autoreset_mode == AutoresetMode.NEXT_STEP)
         if (self._done & ~again).any():
             finished = np.flatnonzero(self._done).tolist()
@@ -136,13 +136,15 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""
+        if mask.all():
+            self._drawn = {}
         for i in np.flatnonzero(mask):
             episode = draw(self.scenario, self.params, self.robot.model, self._rngs[i])
             start_episode(self.robot, self._batch, int(i), episode)
             for name, value in episode.drawn.items():
                 self._drawn.setdefault(name, np.full(self.num_envs, np.nan))[i] = value
         ticks = self.scenario.ticks(self.params)
-        self._ticks = ticks if self._max_steps is None else min(ticks, self._max_steps)
+        self._ticks[mask] = ticks if self._max_steps is None else min(ticks, self._max_steps)
         self._done[mask] = False
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Mask) -> None:
@@ -152,7 +154,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             seeds = [int(seeds) + i for i in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be an integer or {self.num_envs} of them, got {len(seeds)}")
-        for i in np.flatnonzero(mask):
+        for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None or not self._seeded:
                 self._rngs[i], _ = seeding.np_random(seeds[i])
         self._seeded = True
@@ -188,5 +190,9 @@ _TEXTS = np.array([REASONS[code] for code in sorted(REASONS)], dtype=object)
 
 def _masked(infos: Infos, mask: Mask) -> Infos:
     """The infos with the mask beside each key."""
-    values = {key: value for key, value in infos.items() if not key.startswith("_")}
+    values = {
+        key: _masked(value, mask) if isinstance(value, dict) else value
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }
     return values | {f"_{key}": mask.copy() for key in values}

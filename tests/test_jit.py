@@ -11,7 +11,6 @@ import pytest
 
 from sffr_gym import _jit
 
-
 COMPILE_AND_LIST = """
 import importlib, pkgutil
 import gymnasium, numba, numpy as np

@@ -286,7 +286,9 @@ def sampled_loop_radius(Kp, Kd, period):
 @pytest.mark.parametrize(("Kp", "Kd"), [(900.0, 300.0), (1.0e6, 300.0), (2.0e4, 100.0)])
 def test_control_period_against_gains(params, Kp, Kd):
     """The longest period is the one at which the sampled error dynamics gets unstable."""
-    longest = params.with_overrides(f"control.Kp={Kp}", f"control.Kd={Kd}", "control.period=1e-4").control.longest_period
+    longest = params.with_overrides(
+        f"control.Kp={Kp}", f"control.Kd={Kd}", "control.period=1e-4"
+    ).control.longest_period
     assert sampled_loop_radius(Kp, Kd, 0.999 * longest) < 1.0 < sampled_loop_radius(Kp, Kd, 1.001 * longest)
 
 

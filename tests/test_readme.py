@@ -17,6 +17,8 @@ def test_readme_has_examples():
 
 @pytest.mark.parametrize("code", EXAMPLES)
 def test_example_runs(code, tmp_path):
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=README.parent, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], cwd=README.parent, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert "nan" not in done.stdout

@@ -86,13 +86,13 @@ def test_path_leaves_from_the_object_along_x() -> None:
     np.testing.assert_allclose([end.x, end.y, *velocity(end)], [want.x, want.y, *velocity(want)], rtol=0, atol=1e-12)
 
 
-def test_other_phases_leave_from_the_object_too() -> None:
-    """A phase turns the direction of departure and its acceleration, not the place."""
-    _, p, reference = make(phase=np.pi / 2)
+def test_phase_and_speed_can_differ_from_the_configured_ones() -> None:
+    """A phase turns the direction of departure and its acceleration, not the place; a speed replaces the path's."""
+    _, p, reference = make(phase=np.pi / 2, speed=1.2)
     want = desired(reference, 0.0)
     np.testing.assert_allclose([want.x, want.y], p[-3:-1], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(velocity(want), [0.0, SPEED], rtol=0, atol=1e-15)
-    np.testing.assert_allclose([want.xdd, want.ydd], [-(SPEED**2) / RADIUS, 0.0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(velocity(want), [0.0, 1.2], rtol=0, atol=1e-15)
+    np.testing.assert_allclose([want.xdd, want.ydd], [-(1.2**2) / RADIUS, 0.0], rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.3])

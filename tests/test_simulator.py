@@ -167,7 +167,6 @@ def test_unknown_settings_are_refused(key: str, value: Any) -> None:
         Simulator(**{key: value})
 
 
-@pytest.mark.xfail(strict=True, reason="states are not checked: these give NaN or another robot's motion")
 @pytest.mark.parametrize("fault", ["not a number", "no object", "other panels"])
 def test_bad_states_are_refused(simulator: Simulator, fault: str) -> None:
     """A state that is not finite or not this robot's raises a ValueError that says so."""

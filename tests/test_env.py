@@ -1,0 +1,351 @@
+"""`SFFRFlex-v0`: Gymnasium's contract, reproducibility, actions, and how an episode ends."""
+
+import json
+import pickle
+import re
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numba
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import sffr_gym
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.task import REASONS, REWARDS, SIGNALS
+
+ID = "SFFRFlex-v0"
+N_ACTIONS = 15
+
+
+def actions(count, seed=0, size=0.3):
+    """Random actions that the robot survives for a while."""
+    return size * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, N_ACTIONS))
+
+
+def rollout(env, inputs):
+    """Return the outputs of consecutive steps."""
+    return [env.step(action) for action in inputs]
+
+
+def assert_same(left, right):
+    """Nested outputs are equal to the last bit, types included."""
+    assert type(left) is type(right)
+    if isinstance(left, dict):
+        assert list(left) == list(right)
+        left, right = list(left.values()), list(right.values())
+    if isinstance(left, list | tuple):
+        assert len(left) == len(right)
+        for one, other in zip(left, right, strict=True):
+            assert_same(one, other)
+    elif isinstance(left, np.ndarray):
+        np.testing.assert_array_equal(left, right, strict=True)
+    else:
+        assert left == right
+
+
+def assert_healthy(env, outputs):
+    """Check that every number of the outputs is finite and every observation lies in the space."""
+    for obs, reward, _, _, info in outputs:
+        floats = [value for value in info.values() if isinstance(value, float)]
+        assert np.isfinite(np.concatenate([obs, [reward], floats, info["applied"]])).all()
+        assert env.observation_space.contains(obs)
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("made", [True, False])
+def test_gymnasium_checker_is_silent(scenario, made):
+    """Gymnasium's checker finds nothing and warns of nothing, registered or bare."""
+    env = gym.make(ID, scenario=scenario).unwrapped if made else SFFRFlexEnv(scenario)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=not made)  # it asks for a spec before it tries render modes
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("made", [True, False])
+def test_stable_baselines3_checker_is_silent(scenario, made):
+    """The checker of Stable-Baselines3 finds nothing and warns of nothing, registered or bare."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = gym.make(ID, scenario=scenario) if made else SFFRFlexEnv(scenario)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(env)
+
+
+def test_prefixed_id_needs_no_import():
+    """`gym.make` and `gym.make_vec` import the package by the prefix of the id, in a fresh interpreter."""
+    code = (
+        "import gymnasium as gym, sys\n"
+        "env = gym.make('sffr_gym:SFFRFlex-v0', scenario='offset')\n"
+        "vector = gym.make_vec('sffr_gym:SFFRFlex-v0', num_envs=2)\n"
+        "print(env.spec.id, env.unwrapped.scenario.name, type(vector).__name__)\n"
+        "print('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [ID, "offset", "SFFRFlexVectorEnv", "False"]
+
+
+def test_spec_survives_json():
+    """The spec is plain data, and an environment made from its JSON is the same environment."""
+    env = gym.make(ID, scenario="excited", overrides=["panel.EI=25"])
+    text = env.spec.to_json()
+    assert json.loads(text)["kwargs"] == {"scenario": "excited", "overrides": ["panel.EI=25"]}
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(text))
+    assert again.unwrapped.params == env.unwrapped.params
+    assert_same(env.reset(seed=5), again.reset(seed=5))
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+def test_seeded_rollouts_are_identical(scenario):
+    """Two environments with one seed and the same actions return the same bits; numpy's global state is not touched."""
+    before = pickle.dumps(np.random.get_state())  # noqa: NPY002 (it must not be used)
+    results = []
+    for env in (SFFRFlexEnv(scenario), SFFRFlexEnv(scenario)):
+        results.append([env.reset(seed=11), rollout(env, actions(60)), env.reset(), rollout(env, actions(5))])
+    assert_same(*results)
+    assert pickle.dumps(np.random.get_state()) == before  # noqa: NPY002
+
+
+def test_pickle_keeps_the_future():
+    """An environment pickled in the middle of an episode goes on as the original does, its next episodes included."""
+    env = SFFRFlexEnv("excited")
+    env.reset(seed=1)
+    rollout(env, actions(20))
+    other = pickle.loads(pickle.dumps(env))
+    assert_same(rollout(env, actions(20, 1)), rollout(other, actions(20, 1)))
+    assert_same(env.reset(), other.reset())
+    assert other.observation_space == env.observation_space
+
+
+def test_state_restores_the_future():
+    """`set_state` brings back what `get_state` returned, in any environment of the robot and as often as asked."""
+    env, other = SFFRFlexEnv("excited"), SFFRFlexEnv("nominal")
+    env.reset(seed=2)
+    rollout(env, actions(15))
+    state = env.get_state()
+    future = [rollout(env, actions(15, 1)), env.reset(), env.time]
+    env.reset(seed=3, options={"scenario": "offset"})
+    rollout(env, actions(7, 2))
+    for restored in (env, other):
+        restored.set_state(state)
+        assert restored.time == pytest.approx(15 * 2.0e-3)
+        assert_same([rollout(restored, actions(15, 1)), restored.reset(), restored.time], future)
+        assert restored.scenario.name == "excited"
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+def test_reset_forgets_a_messy_episode(scenario):
+    """A seeded reset after saturated, failed steps equals that of a fresh environment, and so does what follows."""
+    env, fresh = SFFRFlexEnv(scenario), SFFRFlexEnv(scenario)
+    env.reset(seed=8)
+    rollout(env, actions(400, size=5.0))
+    assert env.step(actions(1, size=5.0)[0])[2], "the episode should have failed"
+    assert_same(env.reset(seed=9), fresh.reset(seed=9))
+    assert_same(rollout(env, actions(20)), rollout(fresh, actions(20)))
+
+
+def test_reward_is_the_sum_of_its_terms():
+    """The reward is the sum of the terms in info, each the docstring's formula of the measures in info."""
+    env = SFFRFlexEnv("excited")
+    env.reset(seed=4)
+    weights, T = env.params.reward, env.params.control.period
+    for _, reward, _, _, info in rollout(env, actions(30)):
+        assert reward == pytest.approx(sum(info[f"reward_{name}"] for name in REWARDS), rel=1e-12)
+        expected = (
+            weights.tracking.weight * (info["object_error"] / weights.tracking.scale) ** 2,
+            weights.vibration.weight * info["vibration"] / weights.vibration.scale,
+            weights.effort.weight * np.sum(info["applied"][:6] ** 2) / weights.effort.scale**2,
+        )
+        assert [info[f"reward_{name}"] for name in REWARDS] == pytest.approx(
+            [-T * term for term in expected], rel=1e-12
+        )
+    assert min(expected) > 0.0
+
+
+def test_info_has_constant_keys_and_types():
+    """Reset and steps, the last one of a failed episode included, return the same keys with the same types."""
+    env = SFFRFlexEnv("excited")
+    _, first = env.reset(seed=0)
+    assert set(first) == {
+        *SIGNALS,
+        *(f"reward_{name}" for name in REWARDS),
+        "time",
+        "clipped",
+        "failure",
+        "applied",
+        "drawn",
+    }
+    for *_, info in [*rollout(env, actions(300, size=5.0)), (env.reset()[1],)]:
+        assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
+        assert list(info["drawn"]) == list(first["drawn"])
+
+
+NAN = np.where(np.isin(np.arange(N_ACTIONS), [3, 7]), np.nan, 0.0)
+
+
+@pytest.mark.parametrize("action", [np.zeros(shape) for shape in ((), (14,), (16,), (1, 15), (15, 1))] + [NAN])
+def test_bad_actions_raise(action):
+    """A wrong shape is refused with both shapes named, NaN with its places, and nothing moves."""
+    env = SFFRFlexEnv()
+    env.reset(seed=0)
+    message = "NaN at [3, 7]" if action is NAN else f"(15,), got {action.shape}"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        env.step(action)
+    assert env.time == 0.0
+
+
+def test_actions_out_of_range_are_clipped_and_counted():
+    """An action beyond the bounds, infinite ones included, acts as the clipped one, and info counts its entries."""
+    wild = actions(1)[0]
+    wild[[0, 6, 9, 14]] = [3.0, -1.0001, np.inf, -np.inf]
+    results = []
+    for action in (wild, np.clip(wild, -1.0, 1.0)):
+        env = SFFRFlexEnv()
+        env.reset(seed=0)
+        obs, reward, *_, info = env.step(action)
+        results.append([obs, reward, info["applied"]])
+        assert info["clipped"] == (4 if action is wild else 0)
+    assert_same(*results)
+    assert env.step(np.zeros(N_ACTIONS))[4]["clipped"] == 0
+
+
+def test_float32_actions_are_taken_as_they_are():
+    """What the action space samples acts as its exact float64 value."""
+    results = []
+    for kind in (np.float32, np.float64):
+        env = SFFRFlexEnv()
+        env.reset(seed=0)
+        results.append(rollout(env, actions(5).astype(np.float32).astype(kind)))
+    assert_same(*results)
+
+
+def run_until_end(env, action, steps=600):
+    """Hold an action until the episode ends; outputs and the states after each step."""
+    outputs, states = [], []
+    for _ in range(steps):
+        outputs.append(env.step(action))
+        states.append(env.state())
+        if outputs[-1][2]:
+            break
+    return outputs, states
+
+
+@pytest.mark.parametrize("panel", [0, 1])
+def test_tip_beyond_range_terminates(panel):
+    """Full voltage bends a panel; the episode ends with the first state whose tip is beyond a quarter of its length."""
+    env = SFFRFlexEnv()
+    env.reset(seed=0)
+    action = np.zeros(N_ACTIONS)
+    action[3 * panel + 1] = 1.0
+    outputs, states = run_until_end(env, action)
+    assert outputs[-1][2:4] == (True, False)
+    assert outputs[-1][4]["failure"] == "panel tip beyond the model's range"
+    tips = [abs(state.qf[panel, 1]) for state in states]
+    assert max(tips[:-1]) <= 1.0 < tips[-1]
+    assert all(output[4]["failure"] == "" and output[2] is False for output in outputs[:-1])
+
+
+def test_observation_out_of_range_terminates():
+    """Thrust off the path ends the episode when a field leaves its bound; the observation returned lies on it."""
+    env = SFFRFlexEnv(overrides=["limits.position=0.05"])
+    env.reset(seed=0)
+    action = np.zeros(N_ACTIONS)
+    action[7] = -1.0
+    outputs, states = run_until_end(env, action)
+    obs, _, terminated, _, info = outputs[-1]
+    assert terminated and info["failure"] == "observation out of range"
+    assert max(np.abs(output[0][env.fields["base_error"].slice]).max() for output in outputs[:-1]) <= 0.05
+    assert obs[env.fields["base_error"].slice][1] == 0.05
+    path = env.params.path
+    desired = path.radius * (1.0 - np.cos(path.speed / path.radius * env.time))
+    assert desired - states[-2].q[1] < 0.05 < desired - states[-1].q[1]
+    assert env.observation_space.contains(obs)
+
+
+@pytest.mark.parametrize(("least", "ends"), [(0.862, False), (0.865, True), (0.9, True)])
+def test_singular_arm_terminates(least, ends):
+    """The least |sin| of the elbows counts: that of arm 2 starts at |sin 2.1| = 0.863, that of arm 1 at 0.872."""
+    env = SFFRFlexEnv(overrides=[f"limits.arm_singularity={least}"])
+    env.reset(seed=0)
+    _, _, terminated, _, info = env.step(np.zeros(N_ACTIONS))
+    assert (terminated, info["failure"]) == (ends, "singular arm" if ends else "")
+
+
+@pytest.mark.parametrize(("gap", "ends"), [(0.8e-3, False), (1.3e-3, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lost_grasp_terminates(gap, ends, axis):
+    """An object pulled out of the grippers by more than the limit of 1 mm is lost."""
+    env = SFFRFlexEnv()
+    env.reset(seed=0)
+    state = env.get_state()
+    state["batch"].p[0, -3 + axis] += gap
+    env.set_state(state)
+    _, _, terminated, _, info = env.step(np.zeros(N_ACTIONS))
+    assert (terminated, info["failure"]) == (ends, "lost grasp" if ends else "")
+
+
+@pytest.mark.parametrize("speed", [1e80, 1e200])
+def test_overflow_ends_with_a_reason_and_without_nan(speed):
+    """A state so fast that numbers overflow: a reason is given, and no number is ever NaN or infinite."""
+    env = SFFRFlexEnv()
+    env.reset(seed=0)
+    state = env.get_state()
+    state["batch"].v[0, 3] = speed
+    env.set_state(state)
+    with np.errstate(all="ignore"):  # it overflows, inside; numpy sees it where the kernels are not compiled
+        outputs, _ = run_until_end(env, np.zeros(N_ACTIONS))
+        assert outputs[-1][2] and outputs[-1][4]["failure"] in set(REASONS.values()) - {""}
+        outputs += rollout(env, np.zeros((200, N_ACTIONS)))  # whoever steps on gets no NaN either
+    assert outputs[-1][4]["failure"] == "non-finite state"
+    assert_healthy(env, outputs)
+    assert np.isfinite(env.positions).all() and np.isfinite(env.velocities).all()
+
+
+def test_step_before_reset_raises():
+    """An environment that was never reset cannot step."""
+    for env in (gym.make(ID), SFFRFlexEnv()):
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(np.zeros(N_ACTIONS))
+
+
+def test_unknown_arguments_raise():
+    """Reset options, scenarios, render modes, keys and files that do not exist are refused by name."""
+    env = SFFRFlexEnv()
+    with pytest.raises(ValueError, match=r"unknown reset option \['scenarioo'\]; known: \['scenario'\]"):
+        env.reset(options={"scenarioo": "offset"})
+    with pytest.raises(sffr_gym.ConfigError, match="did you mean 'excited'"):
+        SFFRFlexEnv("excitd")
+    with pytest.raises(sffr_gym.ConfigError, match="did you mean 'offset'"):
+        env.reset(options={"scenario": "ofset"})
+    with pytest.raises(sffr_gym.ConfigError, match="did you mean 'mass'"):
+        SFFRFlexEnv(overrides=["panel.mas=3"])
+    with pytest.raises(ValueError, match="render_mode must be"):
+        SFFRFlexEnv(render_mode="humans")
+
+
+def test_options_and_overrides_take_effect():
+    """`options` change the scenario for good; `overrides` and `params` build another robot."""
+    env = SFFRFlexEnv("nominal")
+    assert env.reset(seed=0, options={"scenario": "offset"})[1]["drawn"]
+    assert env.reset(seed=0)[1]["drawn"], "the scenario stays"
+    free = SFFRFlexEnv(params=env.params, overrides=["object=null"])
+    obs, _ = free.reset(seed=0)
+    assert free.params.object is None and free.fields["object_error"].size == 0
+    assert obs.size == 52 - 6 - 8 + 4  # without object and grippers; four more joints hold their angles
+    assert_healthy(free, [free.step(np.zeros(N_ACTIONS))])
+
+
+@pytest.mark.parametrize("mounts", ["[]", "[{name: one, root: [0.3, -0.7], angle: 2.1}]"])
+def test_any_number_of_panels_runs_the_same_compiled_code(mounts):
+    """Robots without a panel or with one need no compilation of their own (a minute), and work."""
+    env = SFFRFlexEnv(overrides=[f"panel.mounts={mounts}"])
+    assert numba.typeof(env.robot) == numba.typeof(SFFRFlexEnv().robot)
+    obs, _ = env.reset(seed=0)
+    n_p = env.params.n_panels
+    assert env.action_space.shape == (9 + 3 * n_p,) and obs.size == 52 - 12 + 6 * n_p
+    assert_healthy(env, [env.step(np.zeros(9 + 3 * n_p))])

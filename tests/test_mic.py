@@ -1,0 +1,221 @@
+"""The impedance law against an independent rigid robot: it commands exactly the accelerations of Eqs. 9 and 12."""
+
+import numpy as np
+import pytest
+from oracle import Oracle
+from test_observation import LONG_ARM, Observer, expected_fields, make_params
+
+from baselines import make_policy
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.initial import close_grasps
+from sffr_gym.kinematics import arm_points, perpendicular, rotation
+from sffr_gym.params import load_params
+from sffr_gym.simulator import Simulator
+from sffr_gym.task import make_robot
+
+THREE_ARMS = [
+    "arms=["
+    "{name: arm1, mount: [0.5, 0.5], mount_angle: 0, links: [{mass: 4, length: 1, inertia: 0.5, com: 0.5}, "
+    "{mass: 3, length: 1, inertia: 0.5, com: 0.5}]}, "
+    "{name: arm2, mount: [0.5, -0.5], mount_angle: 0, links: [{mass: 4, length: 1, inertia: 0.5, com: 0.4}, "
+    "{mass: 3, length: 0.9, inertia: 0.5, com: 0.5}]}, "
+    "{name: arm3, mount: [0.5, 0.1], mount_angle: 0.3, links: [{mass: 2, length: 0.7, inertia: 0.2, com: 0.3}, "
+    "{mass: 1, length: 0.8, inertia: 0.1, com: 0.5}]}, "
+    "{name: antenna, mount: [-0.5, 0], mount_angle: 3, links: [{mass: 3, length: 0.5, inertia: 0.1, com: 0.25}, "
+    "{mass: 1, length: 0.5, inertia: 0.1, com: 0.2}]}]",
+    "initial.q=[0, 0, -0.2, 0.6, 4.2, 5.6, 2.1, 0.4, -1.1, 0.3, 0.2]",
+    "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]",
+]
+
+
+def grasping_params(overrides, arms):
+    """Parameters of a robot whose object is as wide as the arms' tips are apart."""
+    params = load_params().with_overrides("object=null", *overrides)
+    model, q = make_robot(params).model, np.array(params.initial.q)
+    ends = np.array([arm_points(model, q, 0 * q, arm)[1].x for arm in range(arms)])
+    points = ends - ends.mean(axis=0)
+    grasps = ", ".join(f"{{arm: arm{i + 1}, point: [{x}, {y}]}}" for i, (x, y) in enumerate(points))
+    return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: [{grasps}]}}")
+
+
+LIGHT = ["panel.mass=1.0e-6", "panel.mode_cut=1.0e+8", "initial.qfd=[0, 0, 0]"]
+ROBOTS = {
+    "paper": lambda: load_params(),
+    "yawed, tangent": lambda: make_params("tangent"),
+    "third link": lambda: grasping_params(LONG_ARM, arms=2),
+    "three arms": lambda: grasping_params([*THREE_ARMS, "path.heading=tangent"], arms=3),
+    "no object": lambda: make_params("free"),
+}
+
+
+class Commanded:
+    """What the law asks for at a state, in inertial axes, from the definitions alone.
+
+    Attributes:
+        base: (3,) acceleration; tips: (n_g, 2); held: {joint: acceleration}; object: (3,).
+        grip: (n_g, 2) force on the object at each gripper, by the pseudo-inverse of the grasp matrix.
+        Q: (n,) generalised forces that the law applies.
+
+    """
+
+    def __init__(self, observer, p, v, tick):
+        params, model = observer.params, observer.model
+        t = tick * params.control.period
+        fields = expected_fields(observer, p, v, t, 0.0)
+        Kp, Kd = params.control.Kp, params.control.Kd
+        turn = fields["reference_turn"]
+        axes = rotation(turn * t)
+        state = Simulator(params).unflatten(t, p, v)
+        forward = axes @ fields["reference_acceleration"]
+
+        def law(error, rate, offset):
+            """Return Eq. 12 for a point at an offset from the object's desired position, reference axes."""
+            return forward - turn**2 * axes @ offset + axes @ (Kp * np.array(error) + Kd * np.array(rate))
+
+        start = Simulator(params).unflatten(0.0, observer.p, observer.v)
+        carried = start.q[:3] if start.obj is None else start.obj
+        yaw = Kp * fields["yaw_error"] + Kd * fields["yaw_error_rate"]
+        self.base = np.append(law(fields["base_error"], fields["base_error_rate"], start.q[:2] - carried[:2]), yaw)
+        points = [rotation(carried[2]) @ point for point in model.grasp_point]
+        self.tips = np.array([
+            law(*motion) for motion in zip(fields["tip_error"], fields["tip_error_rate"], points, strict=True)
+        ])  # fmt: skip
+        rates = fields["joint_rate"][observer.robot.held]
+        self.held = dict(zip(observer.robot.held, Kp * fields["hold_error"] - Kd * rates, strict=True))
+        self.object, self.grip = None, np.zeros((0, 2))
+        if state.obj is not None:
+            angular = Kp * fields["object_angle_error"] + Kd * fields["object_angle_error_rate"]
+            self.object = np.append(law(fields["object_error"], fields["object_error_rate"], np.zeros(2)), angular)
+            arms = [rotation(state.obj[2]) @ point for point in model.grasp_point]
+            G = np.vstack([np.tile(np.eye(2), len(arms)), np.concatenate([perpendicular(r) for r in arms])])
+            inertia = np.array([params.object.mass, params.object.mass, params.object.inertia])
+            self.grip = (np.linalg.pinv(G) @ (inertia * self.object)).reshape(-1, 2)
+        self.Q = self._applied(observer, state, p, v, tick)
+
+    @staticmethod
+    def _applied(observer, state, p, v, tick):
+        command = make_policy("none", observer.params)(observer(p, v, tick)) * observer.robot.scale
+        volts = 3 * observer.params.n_panels
+        assert not command[:volts].any()
+        return np.concatenate([rotation(state.q[2]) @ command[volts : volts + 2], command[volts + 2 :]])
+
+
+def rigid_oracle(params):
+    """The independent model of the robot without its panels."""
+    config = params.to_dict()
+    config["panel"] = None
+    return Oracle(config)
+
+
+def task_accelerations(oracle, q, qd, qdd, grasping):
+    """Accelerations of the base (3,) and of the tips (n_g, 2) that follow from qdd."""
+    tips = [oracle.tip_jacobian(q, arm) @ qdd + oracle.tip_jacobian_dot_zd(q, qd, arm) for arm in grasping]
+    return qdd[:3], np.array(tips)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(("seed", "tick"), [(0, 0), (1, 12_345), (2, 40_000)])
+def test_law_is_the_inverse_dynamics_of_the_commanded_accelerations(name, seed, tick):
+    """At random states, the law and the reaction of the object give every task coordinate its acceleration."""
+    params = ROBOTS[name]()
+    observer = Observer(params)
+    p, v = observer.perturbed(seed)
+    state, wanted = Simulator(params).unflatten(0.0, p, v), Commanded(observer, p, v, tick)
+    oracle = rigid_oracle(params)
+    grasping = [int(arm) for arm in observer.model.grasp_arm]
+    force = wanted.Q - oracle.bias(state.q, state.qd)
+    for arm, grip in zip(grasping, wanted.grip, strict=True):
+        force -= oracle.tip_jacobian(state.q, arm).T @ grip
+    qdd = np.linalg.solve(oracle.mass_matrix(state.q), force)
+    base, tips = task_accelerations(oracle, state.q, state.qd, qdd, grasping)
+    scale = np.abs(qdd).max()
+    np.testing.assert_allclose(base, wanted.base, rtol=0, atol=1e-10 * scale)
+    np.testing.assert_allclose(tips.ravel(), wanted.tips.ravel(), rtol=0, atol=1e-10 * scale)
+    for joint, acceleration in wanted.held.items():
+        assert qdd[3 + joint] == pytest.approx(acceleration, abs=1e-10 * scale)
+    assert len(wanted.held) + 2 * len(grasping) == params.n_links or name == "three arms"
+
+
+@pytest.mark.parametrize("name", ["paper", "yawed, tangent", "three arms"])
+def test_grip_forces_are_those_of_the_pseudo_inverse(name):
+    """What the object adds to the torques of the grasping arms is J' F_e with F_e = pinv(G) M v (Eqs. 10 and 11)."""
+    params = ROBOTS[name]()
+    observer = Observer(params)
+    p, v = observer.perturbed(4)
+    loaded = Commanded(observer, p, v, 5_000)
+    empty = Observer(params.with_overrides("object.mass=1.0e-9", "object.inertia=1.0e-9"))
+    torque = (loaded.Q - Commanded(empty, p, v, 5_000).Q)[3:]
+    q = Simulator(params).unflatten(0.0, p, v).q
+    oracle = rigid_oracle(params)
+    for grip, arm in zip(loaded.grip, observer.model.grasp_arm, strict=True):
+        joints = range(observer.model.arm_first[arm], observer.model.arm_first[arm + 1])
+        J = oracle.tip_jacobian(q, int(arm))[:, [3 + k for k in joints]]
+        np.testing.assert_allclose(np.linalg.solve(J.T, torque[joints]), grip, rtol=0, atol=1e-7 * np.abs(grip).max())
+
+
+@pytest.mark.parametrize("name", ["paper", "third link", "yawed, tangent"])
+def test_error_obeys_its_law_on_a_rigid_plant(name):
+    """Robot and object, pinned together off the path, start with edd + Kd ed + Kp e = 0, the grip forces as planned."""
+    params = ROBOTS[name]()
+    observer = Observer(params)
+    p, v = observer.p.copy(), observer.v.copy()
+    turn = params.path.speed / params.path.radius if params.path.heading == "tangent" else 0.0
+    # Base and object are off the path by themselves; the object keeps its orientation, so that errors of tips and
+    # object agree beyond the first order. The arms close the gaps.
+    p[:3] += [0.011, -0.013, 0.012]
+    p[-3:-1] += [-0.007, 0.009]
+    v[:3] += [0.02, -0.03, 0.05 + turn]
+    v[-3:] += [0.03, 0.02, turn]
+    close_grasps(observer.model, p, v)
+    state, wanted = Simulator(params).unflatten(0.0, p, v), Commanded(observer, p, v, 0)
+    oracle = rigid_oracle(params)
+    qdd, xdd, lam = oracle.constrained(state.q, state.qd, state.obj, state.objd, wanted.Q)
+    scale = np.abs(wanted.base).max()
+    base, tips = task_accelerations(oracle, state.q, state.qd, qdd, [0, 1])
+    np.testing.assert_allclose(base, wanted.base, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(tips, wanted.tips, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(xdd, wanted.object, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(lam, -wanted.grip, rtol=0, atol=1e-9 * np.abs(wanted.grip).max())
+
+
+def test_simulator_with_light_panels_obeys_the_same_law():
+    """The plant of the environment, its panels nearly without mass, starts with the commanded accelerations."""
+    params = load_params().with_overrides(*LIGHT)
+    observer = Observer(params)
+    p, v = observer.p.copy(), observer.v.copy()
+    for pose in (slice(0, 2), slice(-3, -1)):
+        p[pose] += [3e-4, -2e-4]
+        v[pose] += [-2e-3, 1e-3]
+    wanted = Commanded(observer, p, v, 0)
+    simulator = Simulator(params)
+    state = simulator.unflatten(0.0, p, v)
+    assert state.q[2] == 0.0  # base and inertial axes agree
+    qdd, _, xdd = simulator.acceleration(state, base=wanted.Q[:3], joints=wanted.Q[3:])
+    np.testing.assert_allclose(qdd[:3], wanted.base, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(xdd, wanted.object, rtol=0, atol=1e-6)
+
+
+def test_sampled_errors_decay_as_designed(tmp_path):
+    """On a rigid plant, errors follow the double integrator under the sampled and held law for half a second."""
+    file = tmp_path / "shift.yaml"
+    file.write_text("name: shift\ndescription: shifted, not turned\noffset_position: 0.05\nduration: 0.5\n")
+    env = SFFRFlexEnv(file, overrides=[*LIGHT, "actuators.thruster_force=1.0e+4", "actuators.joint_torque=1.0e+4"])
+    policy = make_policy("none", env)
+    obs, _ = env.reset(seed=2)
+    T, Kp, Kd = env.params.control.period, env.params.control.Kp, env.params.control.Kd
+    places = {name: env.fields[name].slice for name in ("base_error", "object_error", "tip_error")}
+    e = {name: obs[at].copy() for name, at in places.items()}
+    ed = {name: obs[env.fields[f"{name}_rate"].slice].copy() for name in places}
+    largest = np.abs(e["object_error"]).max()
+    assert largest > 0.02
+    truncated = False
+    while not truncated:
+        obs, _, terminated, truncated, _ = env.step(policy(obs))
+        assert not terminated
+        for name, at in places.items():
+            edd = -Kd * ed[name] - Kp * e[name]
+            e[name] += T * ed[name] + T**2 / 2 * edd
+            ed[name] += T * edd
+            # Held forces are not quite held accelerations: joints and reference turn within a period.
+            np.testing.assert_allclose(obs[at], e[name], rtol=0, atol=2e-3 * largest)
+    assert np.abs(obs[places["object_error"]]).max() < 0.3 * largest

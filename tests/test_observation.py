@@ -1,0 +1,292 @@
+"""What a policy sees and what info measures, against plain kinematics and the paper's own matrices."""
+
+import re
+
+import numpy as np
+import pytest
+from oracle import Oracle
+
+from sffr_gym.batch import make_batch, observe_one, start_episode
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.initial import initial_positions
+from sffr_gym.kinematics import arm_points, perpendicular, rotation
+from sffr_gym.observation import observation_fields
+from sffr_gym.params import load_params
+from sffr_gym.reference import circle_points, circle_reference, desired
+from sffr_gym.scenario import Episode
+from sffr_gym.simulator import Simulator
+from sffr_gym.task import make_robot
+
+N_ACTIONS = 15
+# The fields that each row of the environment's table stands for.
+ROWS = [
+    ("base_error", "yaw_error", "base_error_rate", "yaw_error_rate"),
+    ("tip_error", "tip_error_rate"),
+    ("object_error", "object_angle_error", "object_error_rate", "object_angle_error_rate"),
+    ("hold_error",),
+    ("joint_angle",),
+    ("joint_rate",),
+    ("yaw_rate",),
+    ("elastic",),
+    ("elastic_rate",),
+    ("reference_velocity", "reference_turn"),
+    ("reference_acceleration",),
+]
+LONG_ARM = [
+    # A third link at an angle; the object is as wide as the new distance between the tips, 0.6307 m.
+    "arms.0.links=[{mass: 4, length: 1, inertia: 0.5, com: 0.4}, {mass: 3, length: 0.6, inertia: 0.3, com: 0.2}, "
+    "{mass: 1.5, length: 0.5, inertia: 0.2, com: 0.3}]",
+    "initial.q=[1, -2, 0.3, 0.6, 4.2, 0.4, 5.6, 2.1, 0.5, 0.1]",
+    "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0, 0]",
+]
+VARIANTS = {
+    "paper": [],
+    "tangent": ["path.heading=tangent", "initial.q.2=0.4"],
+    "long arm": [*LONG_ARM, "panel.elements=2"],
+    "free": ["object=null", "path.heading=tangent"],
+}
+
+
+def make_params(variant):
+    """Parameters of a variant; the object's width follows from the arms' tips."""
+    params = load_params().with_overrides("object=null", *VARIANTS[variant])
+    if variant == "free":
+        return params
+    model, q = make_robot(params).model, np.array(params.initial.q)
+    ends = [arm_points(model, q, 0 * q, arm)[1].x for arm in (0, 1)]
+    half = np.linalg.norm(ends[0] - ends[1]) / 2
+    grasps = f"[{{arm: arm1, point: [0, {half}]}}, {{arm: arm2, point: [0, {-half}]}}]"
+    return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: {grasps}}}")
+
+
+def actions(count):
+    """Random actions that the robot survives for a while."""
+    return 0.3 * np.random.default_rng(0).uniform(-1.0, 1.0, (count, N_ACTIONS))
+
+
+class Observer:
+    """The observation of any state at any time, in an episode that starts at a phase of the circle."""
+
+    def __init__(self, params, phase=0.0):
+        self.params, self.robot = params, make_robot(params)
+        self.model = self.robot.model
+        self.p, self.v = initial_positions(params, self.model)
+        self.reference = circle_reference(params, self.model, self.p, phase=phase)
+        self.fields = observation_fields(self.model, params)
+
+    def __call__(self, p, v, tick):
+        """Return the observation (n_o,) of positions and velocities at a control tick."""
+        batch = make_batch(self.robot, 1)
+        start_episode(self.robot, batch, 0, Episode(p, v, self.reference, {}))
+        batch.tick[0] = tick
+        observe_one(self.robot, batch, 0)
+        return batch.obs[0]
+
+    def perturbed(self, seed):
+        """Positions and velocities off the start."""
+        rng = np.random.default_rng(seed)
+        return self.p + rng.uniform(-0.2, 0.2, self.p.shape), self.v + rng.uniform(-0.5, 0.5, self.v.shape)
+
+
+def expected_fields(observer, p, v, t, phase):
+    """Every field of the observation, from the definitions of the task and the kinematics in inertial axes."""
+    params, model = observer.params, observer.model
+    start = Simulator(params).unflatten(0.0, observer.p, observer.v)
+    state = Simulator(params).unflatten(t, p, v)
+    radius, rate = params.path.radius, params.path.speed / params.path.radius
+    turn = rate if params.path.heading == "tangent" else 0.0
+    angle, heading = phase + rate * t, turn * t
+    carried = start.q[:3] if start.obj is None else start.obj
+    centre = carried[:2] + radius * np.array([-np.sin(phase), np.cos(phase)])
+    x = centre + radius * np.array([np.sin(angle), -np.cos(angle)])
+    xd = radius * rate * np.array([np.cos(angle), np.sin(angle)])
+    xdd = radius * rate**2 * np.array([-np.sin(angle), np.cos(angle)])
+    axes = rotation(heading)
+
+    def error(offset, actual, actual_rate):
+        """Position and velocity error of a point at ``offset`` from the object in the reference axes."""
+        r = axes @ offset
+        return (x + r - actual) @ axes, (xd + turn * perpendicular(r) - actual_rate) @ axes
+
+    def angle_error(wanted, actual):
+        return (wanted - actual + np.pi) % (2 * np.pi) - np.pi
+
+    base, base_rate = error(start.q[:2] - carried[:2], state.q[:2], state.qd[:2])
+    tips = [arm_points(model, state.q, state.qd, int(arm))[1] for arm in model.grasp_arm]
+    points = [rotation(carried[2]) @ point for point in model.grasp_point]
+    grips = [error(point, tip.x, tip.J @ state.qd) for point, tip in zip(points, tips, strict=True)]
+    moving = {3 + int(model.arm_first[arm]) + k for arm in model.grasp_arm for k in (0, 1)}
+    held = [k for k in range(3, len(state.q)) if k not in moving]
+    fields = {
+        "base_error": base,
+        "yaw_error": angle_error(heading + start.q[2], state.q[2]),
+        "base_error_rate": base_rate,
+        "yaw_error_rate": turn - state.qd[2],
+        "tip_error": [grip[0] for grip in grips],
+        "tip_error_rate": [grip[1] for grip in grips],
+        "hold_error": angle_error(start.q[held], state.q[held]),
+        "joint_angle": angle_error(state.q[3:], 0.0),
+        "joint_rate": state.qd[3:],
+        "yaw_rate": state.qd[2],
+        "elastic": state.qf[:, -3:],
+        "elastic_rate": state.qfd[:, -3:],
+        "reference_velocity": xd @ axes,
+        "reference_turn": turn,
+        "reference_acceleration": xdd @ axes,
+    }
+    if state.obj is not None:
+        fields["object_error"], fields["object_error_rate"] = error(np.zeros(2), state.obj[:2], state.objd[:2])
+        fields["object_angle_error"] = angle_error(heading + carried[2], state.obj[2])
+        fields["object_angle_error_rate"] = turn - state.objd[2]
+    return fields
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(("seed", "phase", "tick"), [(0, 0.0, 0), (1, 2.0, 7_000), (2, -1.0, 90_000)])
+def test_every_field_follows_from_the_kinematics(variant, seed, phase, tick):
+    """Each field equals its definition at random states anywhere on the circle, without noise."""
+    observer = Observer(make_params(variant), phase)
+    p, v = observer.perturbed(seed)
+    obs = observer(p, v, tick)
+    expected = expected_fields(observer, p, v, tick * observer.params.control.period, phase)
+    for name, field in observer.fields.items():
+        np.testing.assert_allclose(obs[field.slice], np.ravel(expected.get(name, [])), rtol=0, atol=1e-11, err_msg=name)
+    assert obs.size == sum(field.size for field in observer.fields.values())
+    np.testing.assert_array_equal(obs, observer(p, v, tick))
+
+
+@pytest.mark.parametrize("turns", [0.2, 5.3])
+def test_nothing_grows_around_the_circle(turns):
+    """With a tangent heading, a robot carried along the circle as one sees exactly what it saw at the start."""
+    observer = Observer(make_params("tangent"))
+    params = observer.params
+    p, v = observer.perturbed(3)
+    tick = round(turns * params.path.period / params.control.period)
+    angle = params.path.speed / params.path.radius * tick * params.control.period
+    centre = observer.p[-3:-1] + np.array([0.0, params.path.radius])
+    moved, moving = p.copy(), v.copy()
+    for body in (slice(0, 3), slice(len(p) - 3, len(p))):
+        moved[body][:2] = centre + rotation(angle) @ (p[body][:2] - centre)
+        moved[body][2] += angle
+        moving[body][:2] = rotation(angle) @ v[body][:2]
+    np.testing.assert_allclose(observer(moved, moving, tick), observer(p, v, 0), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("phase", [0.0, 2.5])
+def test_reference_velocity_and_acceleration_are_derivatives(phase):
+    """The desired motion's rates are differences of its position; it starts at the object, at constant speed."""
+    observer = Observer(make_params("paper"), phase)
+    reference = observer.reference
+    h = 1.0e-3
+    for t in (0.0, 31.0):
+        before, now, after = (np.array(desired(reference, t + shift)) for shift in (-h, 0.0, h))
+        np.testing.assert_allclose((after[:4] - before[:4]) / (2 * h), now[2:6], rtol=0, atol=1e-8)
+        assert np.hypot(*now[2:4]) == pytest.approx(0.85, rel=1e-12)
+    start = desired(reference, 0.0)
+    np.testing.assert_allclose([start.x, start.y], observer.p[-3:-1], rtol=0, atol=1e-14)
+    points = circle_points(reference)
+    np.testing.assert_allclose(points[[0, -1]], [observer.p[-3:-1]] * 2, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.ptp(points, axis=0), 30.0, rtol=0, atol=1e-2)  # sampled every degree
+
+
+def quasi_static(env, oracle, t):
+    """Return the static shapes (n_p, 3) under the reference's motion, and the wrench (3,) of panels that keep them."""
+    params, want = env.params, desired(env.reference, t)
+    panel, offset = params.panel, np.array([env.reference.base_x, env.reference.base_y])
+    m, L, EI = panel.mass, panel.length, panel.EI
+    K = EI / L**3 * np.array([[12.0, -6.0 * L], [-6.0 * L, 4.0 * L**2]])
+    yaw, turn, r = want.heading + env.reference.yaw, want.turn, rotation(want.heading) @ offset
+    acceleration = np.array([want.xdd, want.ydd]) - turn**2 * r
+    shapes = []
+    for mount in panel.mounts:
+        root = acceleration - turn**2 * rotation(yaw) @ np.array(mount.root)
+        across = rotation(yaw + mount.angle)[:, 1]
+        shapes.append([0.0, *-np.linalg.solve(K, m * np.array([0.5, -L / 12.0]) * (across @ root))])
+    z, zd, zdd = np.zeros((3, oracle.N))
+    z[:3], zd[:2] = [want.x + r[0], want.y + r[1], yaw], [want.xd, want.yd] + turn * perpendicular(r)
+    zd[2], zdd[:2], z[oracle.n_rigid :] = turn, acceleration, np.ravel(shapes)
+    return np.array(shapes), oracle.q_flex(z, zd, zdd)[:3]
+
+
+@pytest.mark.parametrize("heading", ["fixed", "tangent"])
+@pytest.mark.parametrize("scenario", ["excited", "offset"])
+def test_info_is_the_state(scenario, heading):
+    """Every measure in info follows from the state in the paper's coordinates (Eqs. 45 and 47)."""
+    env = SFFRFlexEnv(scenario, overrides=[f"path.heading={heading}", "initial.q.2=0.3"])
+    env.reset(seed=6)
+    params, simulator, limit = env.params, Simulator(env.params), env.robot.scale
+    oracle = Oracle(params.to_dict())
+    m, L, EI = params.panel.mass, params.panel.length, params.panel.EI
+    M = m * np.array([[13.0 / 35.0, -11.0 / 210.0 * L], [-11.0 / 210.0 * L, L**2 / 105.0]])
+    K = EI / L**3 * np.array([[12.0, -6.0 * L], [-6.0 * L, 4.0 * L**2]])
+    for action in actions(40):
+        before = env.state()
+        obs, _, _, _, info = env.step(action)
+        state, t = env.state(), env.time
+        shape, wrench = quasi_static(env, oracle, t)
+        bend, bend_rate = (state.qf - shape)[:, 1:], state.qfd[:, 1:]
+        energy = 0.5 * np.einsum("pi,ij,pj->", bend_rate, M, bend_rate) + 0.5 * np.einsum("pi,ij,pj->", bend, K, bend)
+        command = action * limit
+        volts, base, joints = command[:6].reshape(2, 3), command[6:9], command[9:]
+        deviation = simulator.q_flex(before, base=base, joints=joints, piezo_volts=volts)[:3] - wrench
+        fields = {name: obs[field.slice] for name, field in env.fields.items()}
+        assert info["time"] == t == state.t
+        assert info["object_error"] == pytest.approx(np.linalg.norm(fields["object_error"]), rel=1e-12)
+        assert info["attitude_error"] == abs(fields["object_angle_error"][0])
+        assert info["tip"] == pytest.approx(np.abs(state.qf[:, 1]).max(), rel=1e-12)
+        assert info["vibration"] == pytest.approx(energy, rel=1e-9)
+        assert info["force_deviation"] == pytest.approx(np.hypot(*deviation[:2]), rel=1e-9)
+        assert info["moment_deviation"] == pytest.approx(abs(deviation[2]), rel=1e-9)
+        assert info["piezo_square"] == pytest.approx(np.sum(volts**2), rel=1e-12)
+        assert info["thrust"] == pytest.approx(np.abs(base[:2]).sum(), rel=1e-12)
+        assert info["joint_square"] == pytest.approx(np.sum(joints**2), rel=1e-12)
+        np.testing.assert_array_equal(info["applied"], command)
+
+
+def test_saturation_is_reported():
+    """Info has the fraction of each group's actuators at their limit, for actions on the bound or beyond."""
+    env = SFFRFlexEnv()
+    env.reset(seed=0)
+    action = np.zeros(N_ACTIONS)
+    assert not any(env.step(action)[4][f"{group}_saturated"] for group in ("piezo", "thruster", "joint"))
+    action[[0, 7, 8, 9]] = [-1.0, 2.0, -1.5, 1.0]
+    info = env.step(action)[4]
+    fractions = [info[f"{group}_saturated"] for group in ("piezo", "thruster", "joint")]
+    assert fractions == pytest.approx([1 / 6, 2 / 3, 1 / 6])
+
+
+def test_docstring_tables_are_the_spaces():
+    """The index ranges of the class's observation table are those of `fields`; its action table has the limits."""
+    env = SFFRFlexEnv()
+    _, action_part, observation_part = re.split(r"## (?:Action|Observation) space", SFFRFlexEnv.__doc__)
+    spans = {}
+    for part, text in ("action", action_part), ("observation", observation_part.partition("## Reward")[0]):
+        rows = re.findall(r"^ *\| (\d+)(?:(?:-|, )(\d+))? \| (.*) \|$", text, re.MULTILINE)
+        spans[part] = [(int(first), int(last or first) + 1, words) for first, last, words in rows]
+    found = [(start, stop) for start, stop, _ in spans["observation"]]
+    fields = [[env.fields[name] for name in names] for names in ROWS]
+    assert found == [(row[0].start, row[-1].start + row[-1].size) for row in fields]
+    assert [name for row in ROWS for name in row] == list(env.fields)
+    for field in env.fields.values():
+        np.testing.assert_array_equal(env.observation_space.high[field.slice], field.bound)
+    # The right panel's row stands for the same limits as the left one's.
+    limits = [200.0, 200.0, 100.0, 100.0, 7.0, 7.0]
+    for (start, stop, words), limit in zip(spans["action"], limits, strict=True):
+        np.testing.assert_array_equal(env.robot.scale[start:stop], limit)
+        assert f"{limit:g} " in words or "right panel" in words
+
+
+def test_observation_is_a_float64_of_its_space_and_nobody_elses():
+    """Observations are new float64 arrays inside the space; nothing returned changes later."""
+    env = SFFRFlexEnv("offset")
+    obs, info = env.reset(seed=0)
+    outputs = [(obs, info)] + [env.step(action)[::4] for action in actions(20)]
+    arrays = [array for obs, info in outputs for array in (obs, info["applied"])]
+    arrays += [env.positions, env.velocities, env.positions]
+    assert all(array.dtype == np.float64 for array in arrays)
+    assert all(env.observation_space.contains(obs) for obs, _ in outputs)
+    for i, array in enumerate(arrays):
+        assert not any(np.shares_memory(array, other) for other in arrays[:i])
+    kept = obs.copy()
+    env.step(np.ones(N_ACTIONS))
+    np.testing.assert_array_equal(obs, kept)

@@ -1,0 +1,143 @@
+"""Policies by name: what makes them, what they take and give, and what a reset forgets."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from baselines import POLICIES, make_policy
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.params import load_params
+from sffr_gym.vector_env import SFFRFlexVectorEnv
+
+LAWS = ["none", "hsc", "ahsc", "ahsc-filtered"]
+
+
+def observations(count, seed=0):
+    """Return observations (count, 52) on the way of a swinging robot under random actions."""
+    env, rng = SFFRFlexEnv("excited"), np.random.default_rng(seed)
+    rows = [env.reset(seed=seed)[0]]
+    while len(rows) < count:
+        rows.append(env.step(0.1 * rng.uniform(-1.0, 1.0, 15))[0])
+    return np.array(rows)
+
+
+def test_names():
+    """The policies of the case study are there, each with its name and a line that says what it is."""
+    assert list(POLICIES) == ["none", "random", "hsc", "ahsc", "ahsc-filtered"]
+    assert all(POLICIES.values())
+    for name in POLICIES:
+        assert make_policy(name, load_params()).name == name
+
+
+@pytest.mark.parametrize(("name", "nearest"), [("ahcs", "ahsc"), ("HSC", None), ("ahsc_filtered", "ahsc-filtered")])
+def test_unknown_name_raises(name, nearest):
+    """A name that does not exist is refused with the nearest one and all there are."""
+    with pytest.raises(ValueError, match=f"unknown policy '{name}'") as error:
+        make_policy(name, load_params())
+    assert nearest is None or f"did you mean '{nearest}'?" in str(error.value)
+    assert all(known in str(error.value) for known in POLICIES)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_actions_fit_the_environment(name):
+    """An observation gives an action of the environment's shape, a batch one for each, finite and of float64."""
+    env = gym.make("SFFRFlex-v0")
+    policy = make_policy(name, env)
+    obs, _ = env.reset(seed=0)
+    action = policy(obs)
+    assert action.shape == env.action_space.shape and action.dtype == np.float64
+    assert np.isfinite(action).all()
+    policy.reset()
+    assert policy(np.array([obs, obs])).shape == (2, 15)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_way_to_make_a_policy_gives_the_same(name):
+    """Wrapped, bare and vector environments and the parameters themselves make one and the same law."""
+    overrides = ["control.Kd=250", "suppression.B0=[1, 2, 3]"]
+    params, rows = load_params().with_overrides(*overrides), observations(30)
+    sources = [
+        params,
+        SFFRFlexEnv(overrides=overrides),
+        gym.make("SFFRFlex-v0", overrides=overrides),
+        SFFRFlexVectorEnv(4, overrides=overrides),
+        gym.make_vec("SFFRFlex-v0", num_envs=2, overrides=overrides),
+    ]
+    actions = []
+    for source in sources:
+        policy = make_policy(name, source)
+        actions.append([policy(obs) for obs in rows])
+    for other in actions[1:]:
+        np.testing.assert_array_equal(actions[0], other)
+    default = make_policy(name, load_params())
+    assert (np.array([default(obs) for obs in rows]) != actions[0]).any()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_batch_is_many_single_ones(name):
+    """Rows of a batch are controlled as if each were alone, its adaptation included."""
+    histories = np.array([observations(25, seed) for seed in range(3)])
+    together = make_policy(name, load_params())
+    batched = np.array([together(rows) for rows in histories.swapaxes(0, 1)])
+    for i, history in enumerate(histories):
+        alone = make_policy(name, load_params())
+        np.testing.assert_array_equal(batched[:, i], [alone(obs) for obs in history])
+        np.testing.assert_array_equal(together.B_hat[i], alone.B_hat[0])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_observations_are_left_alone_and_actions_are_new(name):
+    """A policy changes nothing that it is given and hands out a new array each time; lists do as well as arrays."""
+    policy, obs = make_policy(name, load_params()), observations(5)
+    kept = obs.copy()
+    first = policy(obs[3])
+    second = policy(obs[4])
+    assert not np.shares_memory(first, second)
+    np.testing.assert_array_equal(obs, kept)
+    policy.reset()
+    np.testing.assert_array_equal(policy(obs[3].tolist()), first)
+
+
+@pytest.mark.parametrize("name", ["ahsc", "ahsc-filtered"])
+def test_reset_puts_the_damping_back(name):
+    """What was adapted is forgotten by a reset, and by nothing else; the number of environments is free again."""
+    policy, rows = make_policy(name, load_params()), observations(40)
+    first = [policy(obs) for obs in rows]
+    adapted = policy.B_hat.copy()
+    assert (adapted[0] != policy.initial_damping())[:, 1:].all()
+    assert (policy(rows[0]) != first[0]).any()
+    policy.reset()
+    np.testing.assert_array_equal([policy(obs) for obs in rows], first)
+    np.testing.assert_array_equal(policy.B_hat, adapted)
+    with pytest.raises(ValueError, match="1 environments expected, got 3; call reset"):
+        policy(rows[:3])
+    policy.reset()
+    assert policy(rows[:3]).shape == (3, 15)
+
+
+def test_damping_starts_at_the_configured_value():
+    """The damping of the first period is B(0) on the damped coordinates of every panel; HSC keeps it."""
+    policy = make_policy("hsc", load_params())
+    np.testing.assert_array_equal(policy.initial_damping(), [[0.0, 1.5, 5.0]] * 2)
+    for obs in observations(20):
+        policy(obs)
+    np.testing.assert_array_equal(policy.B_hat, [policy.initial_damping()])
+    single = load_params().with_overrides("panel.mounts=[{name: only, root: [0, 0.5], angle: 1.5}]")
+    assert make_policy("hsc", single).initial_damping().shape == (1, 3)
+
+
+def test_random_policy_is_seeded_and_uniform():
+    """The same seed draws the same actions over the whole range, another seed others."""
+    policy, obs = make_policy("random", load_params()), np.zeros(52)
+
+    def drawn(seed, count=3):
+        policy.reset(seed=seed)
+        return np.array([policy(obs) for _ in range(count)])
+
+    np.testing.assert_array_equal(drawn(1), drawn(1))
+    assert not np.isin(drawn(1), drawn(2)).any()
+    many = drawn(3, 400)
+    assert -1.0 <= many.min() < -0.99 and 0.99 < many.max() < 1.0
+    np.testing.assert_allclose(many.mean(axis=0), 0.0, atol=0.15)  # 400 draws, five standard deviations
+    policy.reset(seed=3)
+    np.testing.assert_array_equal(policy(np.zeros((4, 52))), many[:4])

@@ -1,0 +1,322 @@
+"""The native batch against the single environments: the same bits for any size and number of threads, in all modes."""
+
+import os
+import pickle
+import re
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from sffr_gym import ConfigError, batch
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.params import load_params
+from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.task import REASONS, RUNNING, make_robot
+from sffr_gym.vector_env import SFFRFlexVectorEnv
+
+N_ACTIONS = 15
+MODES = list(AutoresetMode)
+
+
+def actions(steps, n, seed=0):
+    """Random actions with a constant pull on the panels, so that some episodes fail and others last."""
+    rng = np.random.default_rng(seed)
+    inputs = 0.2 * rng.uniform(-1.0, 1.0, (steps, n, N_ACTIONS))
+    inputs[:, :, [1, 4]] += rng.uniform(-2.0, 2.0, (n, 2))
+    return inputs
+
+
+def assert_infos_agree(native, single):
+    """Every entry that a mask declares valid is the same in both, and nothing else is declared."""
+    assert {key for key in native if key.startswith("_")} == {key for key in single if key.startswith("_")}
+    for key, values in single.items():
+        if key.startswith("_"):
+            np.testing.assert_array_equal(native[key], values, err_msg=key)
+        elif isinstance(values, dict):
+            assert_infos_agree(native[key], values)
+        else:
+            mask = single[f"_{key}"]
+            left, right = (np.array([*found[key][mask]]) for found in (native, single))
+            np.testing.assert_array_equal(left, right, err_msg=key)
+
+
+def assert_outputs_agree(native, single):
+    """Two outputs of reset or step are the same to the last bit."""
+    for left, right in zip(native[:-1], single[:-1], strict=True):
+        assert left.dtype == right.dtype
+        np.testing.assert_array_equal(left, right, strict=True)
+    assert_infos_agree(native[-1], single[-1])
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    """Return the path of a scenario of 0.15 s whose panels swing widely."""
+    return write(tmp_path / "swing.yaml", duration=0.15, panel_modes=[{"mode": 1, "amplitude": [0.1, 0.99]}])
+
+
+def write(file, **keys):
+    """Write a scenario's file and return its path."""
+    file.write_text(yaml.safe_dump({"name": file.stem, "description": "a test's"} | keys), encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("n", [1, 3, 70])
+def test_batch_equals_single_environments(scenario, mode, n):
+    """Outputs, infos and autoreset are those of Gymnasium's loop over single environments, whatever ends them."""
+    native = SFFRFlexVectorEnv(n, scenario=scenario, autoreset_mode=mode)
+    single = SyncVectorEnv([lambda: SFFRFlexEnv(scenario)] * n, autoreset_mode=mode)
+    assert native.observation_space == single.observation_space and native.action_space == single.action_space
+    assert native.metadata["autoreset_mode"] == single.metadata["autoreset_mode"] == mode
+    assert_outputs_agree(native.reset(seed=100), single.reset(seed=100))
+    ends = np.zeros(2, dtype=int)
+    for inputs in actions(250 if n < 70 else 160, n):
+        output = native.step(inputs)
+        assert_outputs_agree(output, single.step(inputs))
+        ends += [output[2].sum(), output[3].sum()]
+        done = output[2] | output[3]
+        if mode == AutoresetMode.DISABLED and done.any():
+            assert_outputs_agree(
+                native.reset(options={"reset_mask": done}), single.reset(options={"reset_mask": done.copy()})
+            )
+    assert ends.min() > 0 or n == 1
+    assert ends.sum() > 0
+
+
+@pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 4, 2), (3, 4, 3), (3, 5, 2), (8, 1, 8)])
+def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
+    """However a batch is cut up for the threads, it goes through the same states."""
+    n, calls, step_range = 13, [], batch.step_range
+
+    def spy(robot, envs, inputs, active, first, last):
+        calls.append((first, last))
+        step_range(robot, envs, inputs, active, first, last)
+
+    monkeypatch.setattr(batch, "step_range", spy)
+    results = []
+    for setting in ((1, 32), (threads, chunk)):
+        monkeypatch.setattr(batch, "THREADS", setting[0])
+        monkeypatch.setattr(batch, "SMALLEST_CHUNK", setting[1])
+        env = SFFRFlexVectorEnv(n, scenario=scenario)
+        env.reset(seed=3)
+        calls.clear()
+        results.append([env.step(inputs) for inputs in actions(90, n)])
+    assert sorted(calls[:spans])[0][0] == 0 and sorted(calls[:spans])[-1][1] == n and len(calls) == 90 * spans
+    for left, right in zip(*results, strict=True):
+        assert_outputs_agree(left, right)
+
+
+def test_a_neighbour_that_blows_up_does_no_harm():
+    """A state that overflows ends its own episode alone; the others do not feel it, in whatever order they come."""
+    robot, params = make_robot(load_params()), load_params()
+    rng = np.random.default_rng(0)
+    episodes = [draw(load_scenario("excited"), params, robot.model, rng) for _ in range(3)]
+    envs, alone = batch.make_batch(robot, 3), batch.make_batch(robot, 3)
+    for i, episode in enumerate(episodes):
+        batch.start_episode(robot, envs, i, episode)
+        batch.start_episode(robot, alone, i, episode)
+    envs.v[1, 4] = 1.0e200
+    inputs = actions(1, 3)[0]
+    with np.errstate(all="ignore"):  # where the kernels are not compiled
+        batch.step_batch(robot, envs, inputs, np.ones(3, dtype=bool))
+    batch.step_batch(robot, alone, inputs, np.array([True, False, True]))
+    assert REASONS[envs.status[1]] == "non-finite state"
+    for left, right in zip(envs, alone, strict=True):
+        np.testing.assert_array_equal(left[[0, 2]], right[[0, 2]])
+        assert np.isfinite(left).all()
+    assert list(envs.status[[0, 2]]) == [RUNNING, RUNNING] and list(alone.tick) == [1, 0, 1]
+
+
+def test_integer_seeds_count_up_and_lists_are_taken_as_given():
+    """Seed s is s + i for environment i; a list names each; None keeps an environment's own stream."""
+    env = SFFRFlexVectorEnv(3, scenario="excited")
+    counted, _ = env.reset(seed=40)
+    listed, _ = env.reset(seed=[42, 41, 40])
+    np.testing.assert_array_equal(listed, counted[::-1])
+    np.testing.assert_array_equal(env.reset(seed=np.int64(40))[0], counted)
+    for i, obs in enumerate(counted):
+        np.testing.assert_array_equal(obs, SFFRFlexEnv("excited").reset(seed=40 + i)[0])
+    env.reset(seed=40)
+    mixed, _ = env.reset(seed=[None, 41, None])
+    np.testing.assert_array_equal(mixed[1], counted[1])
+    single = SFFRFlexEnv("excited")
+    single.reset(seed=42)
+    np.testing.assert_array_equal(mixed[2], single.reset()[0])
+    first, second = (SFFRFlexVectorEnv(3, scenario="excited").reset()[0] for _ in range(2))
+    assert len({obs.tobytes() for obs in [*first, *second]}) == 6
+
+
+def test_reset_mask_touches_no_other_environment(scenario):
+    """A partial reset returns the present observations of the others, which go on as if nothing had happened."""
+    env, undisturbed = (SFFRFlexVectorEnv(3, scenario=scenario, autoreset_mode="Disabled") for _ in range(2))
+    for each in (env, undisturbed):
+        each.reset(seed=0)
+    for inputs in 0.1 * actions(10, 3):
+        before = env.step(inputs)[0]
+        undisturbed.step(inputs)
+    mask = np.array([False, True, False])
+    obs, infos = env.reset(seed=[7, 7, 7], options={"reset_mask": mask})
+    np.testing.assert_array_equal(obs[~mask], before[~mask])
+    np.testing.assert_array_equal(obs[mask], SFFRFlexVectorEnv(1, scenario=scenario).reset(seed=7)[0])
+    for key in ("object_error", "failure", "applied", "drawn"):
+        np.testing.assert_array_equal(infos[f"_{key}"], mask)
+    inputs = 0.1 * actions(1, 3, 5)[0]
+    left, right = env.step(inputs), undisturbed.step(inputs)
+    np.testing.assert_array_equal(left[0][~mask], right[0][~mask])
+    np.testing.assert_allclose(left[4]["time"], [0.022, 0.002, 0.022], rtol=1e-12)
+
+
+def test_every_environment_needs_a_reset_before_it_steps():
+    """No step before a reset, for none of the environments: a partial first reset leaves the others without a state."""
+    env = SFFRFlexVectorEnv(2)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros((2, N_ACTIONS)))
+    with pytest.raises((ValueError, gym.error.ResetNeeded)):
+        env.reset(seed=0, options={"reset_mask": np.array([True, False])})
+        env.step(np.zeros((2, N_ACTIONS)))
+
+
+def test_a_new_scenario_replaces_what_was_drawn():
+    """Info names the draws of the present scenario alone."""
+    env = SFFRFlexVectorEnv(2, scenario="excited")
+    assert any(key.startswith("panel0") for key in env.reset(seed=0)[1]["drawn"])
+    assert env.reset(seed=0, options={"scenario": "nominal"})[1]["drawn"] == {}
+    assert env.scenario.name == "nominal"
+
+
+def test_a_new_scenario_keeps_the_length_of_running_episodes(tmp_path):
+    """A partial reset into a shorter scenario does not truncate the others."""
+    long = write(tmp_path / "long.yaml", duration=0.1)
+    short = write(tmp_path / "short.yaml", duration=0.01)
+    env = SFFRFlexVectorEnv(2, scenario=long, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    for _ in range(6):
+        env.step(np.zeros((2, N_ACTIONS)))
+    env.reset(options={"reset_mask": np.array([True, False]), "scenario": short})
+    assert list(env.step(np.zeros((2, N_ACTIONS)))[3]) == [False, False]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_infos_have_constant_keys_and_returned_arrays_are_new(scenario, mode):
+    """Keys and masks never change but for the final ones, and no array is handed out twice."""
+    env = SFFRFlexVectorEnv(2, scenario=scenario, autoreset_mode=mode)
+    seen, keys = [], set(env.reset(seed=0)[1])
+    for inputs in 0.1 * actions(74, 2):
+        obs, reward, terminated, truncated, infos = env.step(inputs)
+        assert set(infos) == keys
+        assert all(infos[f"_{key}"].dtype == bool for key in infos if not key.startswith("_"))
+        new = [obs, reward, terminated, truncated, infos["applied"], infos["vibration"], infos["_vibration"]]
+        assert not any(np.shares_memory(one, other) for one in new for other in seen)
+        seen = new
+    *_, infos = env.step(np.zeros((2, N_ACTIONS)))  # the last of 75
+    final = {"final_obs", "_final_obs", "final_info", "_final_info"} if mode == AutoresetMode.SAME_STEP else set()
+    assert set(infos) == keys | final
+
+
+def test_vector_environment_survives_pickling(scenario):
+    """A pickled batch goes on as the original does."""
+    env = SFFRFlexVectorEnv(3, scenario=scenario)
+    env.reset(seed=0)
+    for inputs in actions(40, 3):
+        env.step(inputs)
+    other = pickle.loads(pickle.dumps(env))
+    for inputs in actions(60, 3, 1):
+        assert_outputs_agree(env.step(inputs), other.step(inputs))
+
+
+def test_make_vec_passes_the_time_limit(scenario):
+    """`gymnasium.make_vec` takes the native batch, and its limit and arguments reach it."""
+    env = gym.make_vec("SFFRFlex-v0", num_envs=2, max_episode_steps=3, scenario=scenario, overrides=["panel.EI=25"])
+    assert isinstance(env.unwrapped, SFFRFlexVectorEnv) and env.unwrapped.params.panel.EI == 25
+    env.reset(seed=0)
+    ends = [list(env.step(np.zeros((2, N_ACTIONS)))[3]) for _ in range(5)]
+    assert ends == [[False, False]] * 2 + [[True, True]] + [[False, False]] * 2
+    assert gym.make_vec("SFFRFlex-v0", num_envs=5).unwrapped.num_envs == 5
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_gymnasiums_episode_statistics_work(scenario, mode):
+    """Gymnasium's wrapper counts lengths and returns of the batch as they are."""
+    env = RecordEpisodeStatistics(SFFRFlexVectorEnv(3, scenario=scenario, autoreset_mode=mode))
+    env.reset(seed=0)
+    total, length = np.zeros(3), np.zeros(3, dtype=int)
+    finished = 0
+    for inputs in actions(200, 3):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            _, reward, terminated, truncated, infos = env.step(inputs)
+        total, length = total + reward, length + 1
+        done = terminated | truncated
+        if done.any():
+            np.testing.assert_array_equal(infos["_episode"], done)
+            np.testing.assert_allclose(infos["episode"]["r"][done], total[done], rtol=1e-12)
+            np.testing.assert_array_equal(infos["episode"]["l"][done], length[done])
+            finished += done.sum()
+            # With NEXT_STEP the reset takes a step of its own, which counts for no episode.
+            total[done], length[done] = 0.0, -1 if mode == AutoresetMode.NEXT_STEP else 0
+    assert finished > 3
+
+
+def test_bad_arguments_raise(tmp_path):
+    """Wrong sizes, masks, seeds, modes, actions and options are refused with what is allowed."""
+    with pytest.raises(ValueError, match="num_envs must be at least 1, got 0"):
+        SFFRFlexVectorEnv(0)
+    with pytest.raises(ValueError, match="render_mode"):
+        SFFRFlexVectorEnv(1, render_mode="human")
+    with pytest.raises(ValueError, match="is not a valid AutoresetMode"):
+        SFFRFlexVectorEnv(1, autoreset_mode="Sometimes")
+    with pytest.raises(ConfigError, match="did you mean 'offset'"):
+        SFFRFlexVectorEnv(1, scenario="ofset")
+    env = SFFRFlexVectorEnv(
+        3, autoreset_mode=AutoresetMode.DISABLED, scenario=write(tmp_path / "s.yaml", duration=0.002)
+    )
+    for mask in ([True, False, True], np.ones(2, dtype=bool), np.ones(3), np.ones(3, dtype=int)):
+        with pytest.raises(ValueError, match="bool array of shape"):
+            env.reset(options={"reset_mask": mask})
+    with pytest.raises(ValueError, match="at least one"):
+        env.reset(options={"reset_mask": np.zeros(3, dtype=bool)})
+    with pytest.raises(ValueError, match="3 of them, got 2"):
+        env.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="unknown reset option"):
+        env.reset(options={"mask": np.ones(3, dtype=bool)})
+    env.reset(seed=0)
+    for wrong in (np.zeros(N_ACTIONS), np.zeros((2, N_ACTIONS)), np.zeros((3, 14))):
+        with pytest.raises(ValueError, match=re.escape(f"(3, 15), got {wrong.shape}")):
+            env.step(wrong)
+    with pytest.raises(ValueError, match="NaN"):
+        env.step(np.full((3, N_ACTIONS), np.nan))
+    assert env.step(np.zeros((3, N_ACTIONS)))[3].all()
+    with pytest.raises(gym.error.ResetNeeded, match=r"\[0, 1, 2\] are done"):
+        env.step(np.zeros((3, N_ACTIONS)))
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(gym.error.ResetNeeded, match=r"\[1\] are done"):
+        env.step(np.zeros((3, N_ACTIONS)))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_can_step():
+    """A worker forked after the batch has run in threads, as process pools do, steps and does not wait for ever."""
+    code = (
+        "import os, signal, numpy as np\n"
+        "from sffr_gym import batch\n"
+        "from sffr_gym.vector_env import SFFRFlexVectorEnv\n"
+        "batch.THREADS, batch.SMALLEST_CHUNK = 2, 1\n"
+        "env = SFFRFlexVectorEnv(4)\n"
+        "env.reset(seed=0)\n"
+        "env.step(np.zeros((4, 15)))\n"
+        "child = os.fork()\n"
+        "if child == 0:\n"
+        "    signal.alarm(10)\n"
+        "    env.step(np.zeros((4, 15)))\n"
+        "    os._exit(0)\n"
+        "print(os.waitpid(child, 0)[1])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "0", "the child did not return"
