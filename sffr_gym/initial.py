@@ -84,8 +84,13 @@ def close_grasps(model: Model, p: Array) -> None:
 
 def match_velocities(model: Model, p: Array, v: Array) -> None:
     """Give the object, in place, the velocity that the grippers share, and their joints the rates that keep it."""
+    v[object_slice(model)] = _object_twist(model, p, v)
+    match_joint_rates(model, p, v)
+
+
+def match_joint_rates(model: Model, p: Array, v: Array) -> None:
+    """Give the joints of the grasping arms, in place, the rates that keep the grasps of the moving object."""
     n, at = joint_slice(model).stop, object_slice(model)
-    v[at] = _object_twist(model, p, v)
     for g, arm in enumerate(model.grasp_arm):
         _, tip = arm_points(model, p[:n], v[:n], int(arm))
         joints = _joints(model, int(arm))

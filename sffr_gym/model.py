@@ -40,7 +40,7 @@ from sffr_gym.params import Params
 N_BASE = 3  # x, y, yaw
 N_BODY = 3  # a planar body's coordinates: the object's
 RINGING = 0.9  # a stiff mode that keeps more than this of its amplitude over a step rings on
-LARGEST_TURN = 3.0  # rad that the clamped frequency of such a mode may turn in a step
+LARGEST_TURN = 2.4  # rad that the clamped frequency of such a mode may turn in a step
 RK4_TURN = 2.0  # rad that any clamped frequency may turn in a step of the classical method, stable up to 2.8
 STIFF = 0.2  # modes whose natural frequency times the step exceeds this go into the exponential part of the integrator
 
@@ -162,7 +162,7 @@ def _longest_step(params: Params, omega: Array, stiff_omega: Array) -> float:
     """The configured longest step, or less for the classical method, and for stiff modes that ring on and on.
 
     A stiff mode that turns by 2 pi within a step looks like slow motion to the integrator's stages. Damped as it is by
-    default, its vibration is gone after a few steps and does no harm; else steps are kept shorter than that. The free
+    default, its vibration is gone after a few steps and does no harm; else a step is kept below half a turn. The free
     robot's axial modes lie up to a third above the clamped ones.
     """
     longest = params.simulation.max_step

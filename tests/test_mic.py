@@ -7,7 +7,7 @@ from test_observation import LONG_ARM, Observer, expected_fields, make_params
 
 from baselines import make_policy
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.initial import close_grasps
+from sffr_gym.initial import close_grasps, match_joint_rates
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.params import load_params
 from sffr_gym.simulator import Simulator
@@ -166,7 +166,8 @@ def test_error_obeys_its_law_on_a_rigid_plant(name):
     p[-3:-1] += [-0.007, 0.009]
     v[:3] += [0.02, -0.03, 0.05 + turn]
     v[-3:] += [0.03, 0.02, turn]
-    close_grasps(observer.model, p, v)
+    close_grasps(observer.model, p)
+    match_joint_rates(observer.model, p, v)
     state, wanted = Simulator(params).unflatten(0.0, p, v), Commanded(observer, p, v, 0)
     oracle = rigid_oracle(params)
     qdd, xdd, lam = oracle.constrained(state.q, state.qd, state.obj, state.objd, wanted.Q)
