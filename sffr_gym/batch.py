@@ -77,10 +77,7 @@ def observe_one(robot, batch, i):
     """Write the observation of environment ``i`` at its present time."""
     reference = _reference(batch, i)
     want = desired(reference, batch.tick[i] * robot.period)
-    obs = batch.obs[i]
-    observe(robot, reference, want, batch.p[i], batch.v[i], make_buffers(robot).step.dynamics, obs)
-    for k in range(len(obs)):
-        obs[k] = min(max(obs[k], -robot.bound[k]), robot.bound[k])
+    observe(robot, reference, want, batch.p[i], batch.v[i], make_buffers(robot).step.dynamics, batch.obs[i])
 
 
 def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:

@@ -181,6 +181,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._batch, self.np_random, self._ticks = state["batch"], state["rng"], state["ticks"]
         self.scenario, self.reference, self._drawn = state["scenario"], state["reference"], state["drawn"]
         observe_one(self.robot, self._batch, 0)
+        np.clip(self._batch.obs, -self.robot.bound, self.robot.bound, out=self._batch.obs)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
