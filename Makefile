@@ -14,8 +14,8 @@ help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
 run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/nominal and runs/excited
-	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal
-	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited
+	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
+	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)

@@ -115,7 +115,8 @@ def pack(params: Params) -> Model:
     modes = clamped_modes(shape, panel.mode_cut)
     omega2 = modes.omega**2
     is_axial = np.arange(len(omega2)) < modes.n_axial
-    is_stiff = modes.omega * params.simulation.max_step > STIFF
+    longest_step = _longest_step(params, modes.omega)
+    is_stiff = modes.omega * longest_step > STIFF
     gyro = modes.shapes[:, ~is_axial].T @ shape.N @ modes.shapes[:, is_axial]
     names = [arm.name for arm in params.arms]
     grasps = params.object.grasps if params.object else ()
@@ -146,7 +147,7 @@ def pack(params: Params) -> Model:
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
         grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
         baumgarte=params.simulation.baumgarte,
-        longest_step=_longest_step(params, modes.omega, modes.omega[is_stiff]),
+        longest_step=longest_step,
         stiff=np.array(stiff, dtype=np.int64).reshape(-1, 3),
         stiff_omega=np.tile(modes.omega[is_stiff], n_p),
         eta=panel.strain_rate_damping,
@@ -158,7 +159,7 @@ def steps_in(model: Model, duration: float) -> int:
     return max(int(np.ceil(duration / model.longest_step - 1e-9)), 1)
 
 
-def _longest_step(params: Params, omega: Array, stiff_omega: Array) -> float:
+def _longest_step(params: Params, omega: Array) -> float:
     """The configured longest step, or less for the classical method, and for stiff modes that ring on and on.
 
     A stiff mode that turns by 2 pi within a step looks like slow motion to the integrator's stages. Damped as it is by
@@ -168,9 +169,9 @@ def _longest_step(params: Params, omega: Array, stiff_omega: Array) -> float:
     longest = params.simulation.max_step
     if params.simulation.integrator == "rk4":
         return min(longest, RK4_TURN / omega.max(initial=RK4_TURN / longest))
-    decay = np.exp(-0.5 * params.panel.strain_rate_damping * stiff_omega**2 * longest)
-    ringing = stiff_omega[decay > RINGING]
-    return min(longest, LARGEST_TURN / ringing.max()) if len(ringing) else longest
+    decay = np.exp(-0.5 * params.panel.strain_rate_damping * omega**2 * longest)
+    ringing = omega[(decay > RINGING) & (omega * longest > LARGEST_TURN)]
+    return LARGEST_TURN / ringing.max() if len(ringing) else longest
 
 
 def panel_beam(params: Params) -> Beam:
