@@ -13,10 +13,9 @@ import numpy as np
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.model import IntArray, n_positions
-from sffr_gym.observation import observe
-from sffr_gym.reference import Reference, desired
+from sffr_gym.reference import Reference
 from sffr_gym.scenario import Episode
-from sffr_gym.task import N_SIGNALS, REWARDS, Robot, control_period, make_buffers, reward_terms
+from sffr_gym.task import N_SIGNALS, REWARDS, Robot, control_period, make_buffers, reward_terms, view
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
@@ -64,20 +63,21 @@ def make_batch(robot: Robot, n: int) -> Batch:
 
 
 def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
-    """Put environment ``i`` at the start of an episode, its observation included."""
+    """Put environment ``i`` at the start of an episode, observed and measured."""
     for array in batch:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
     batch.reference[i], batch.joints[i] = episode.reference[:-1], episode.reference.joints
-    observe_one(robot, batch, i)
+    view_one(robot, batch, i)
 
 
 @kernel(allocates=True)
-def observe_one(robot, batch, i):
-    """Write the observation of environment ``i`` at its present time."""
-    reference = _reference(batch, i)
-    want = desired(reference, batch.tick[i] * robot.period)
-    observe(robot, reference, want, batch.p[i], batch.v[i], make_buffers(robot).step.dynamics, batch.obs[i])
+def view_one(robot, batch, i):
+    """Observe and measure environment ``i`` at its present time, without a step."""
+    view(
+        robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], make_buffers(robot),
+        batch.obs[i], batch.signals[i],
+    )  # fmt: skip
 
 
 def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sffr_gym.batch import make_batch, observe_one, start_episode, step_batch
+from sffr_gym.batch import make_batch, start_episode, step_batch, view_one
 from sffr_gym.beam import Array
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
@@ -180,7 +180,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         state = copy.deepcopy(dict(state))
         self._batch, self.np_random, self._ticks = state["batch"], state["rng"], state["ticks"]
         self.scenario, self.reference, self._drawn = state["scenario"], state["reference"], state["drawn"]
-        observe_one(self.robot, self._batch, 0)
+        signals = self._batch.signals.copy()  # those of the last step, its command included
+        view_one(self.robot, self._batch, 0)
+        self._batch.signals[:] = signals
         np.clip(self._batch.obs, -self.robot.bound, self.robot.bound, out=self._batch.obs)
 
     def _info(self) -> dict[str, Any]:

@@ -183,6 +183,15 @@ def _status(robot, p, v, obs, buffers):
     return outcome
 
 
+@kernel
+def view(robot, reference, t, p, v, buffers, obs, signals):
+    """Observe and measure a state at time ``t`` [s] without a step; the signals of the command are 0."""
+    want = desired(reference, t)
+    observe(robot, reference, want, p, v, buffers.step.dynamics, obs)
+    signals[:] = 0.0
+    _measure_state(robot, reference, want, p, v, buffers, signals)
+
+
 @kernel(inline=True)
 def _measure_state(robot, reference, want, p, v, buffers, signals):
     """Fill the signals that depend on the state alone, and the quasi-static wrench of the panels in ``buffers``."""

@@ -76,7 +76,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._max_steps = max_episode_steps
         self._batch = make_batch(self.robot, num_envs)
         self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
-        self._drawn: dict[str, Array] = {}
+        self._drawn: dict[str, tuple[Array, Mask]] = {}  # values, and which environments drew one
         self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._seeded = False
@@ -136,13 +136,15 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""
-        if mask.all():
-            self._drawn = {}
+        for _, has in self._drawn.values():
+            has[mask] = False
         for i in np.flatnonzero(mask):
             episode = draw(self.scenario, self.params, self.robot.model, self._rngs[i])
             start_episode(self.robot, self._batch, int(i), episode)
             for name, value in episode.drawn.items():
-                self._drawn.setdefault(name, np.full(self.num_envs, np.nan))[i] = value
+                values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
+                values[i], has[i] = value, True
+        self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
         ticks = self.scenario.ticks(self.params)
         self._ticks[mask] = ticks if self._max_steps is None else min(ticks, self._max_steps)
         self._done[mask] = False
@@ -181,7 +183,10 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         }
         infos |= {"applied": batch.applied.copy()}
         infos = _masked(infos, mask)
-        drawn = _masked({name: values.copy() for name, values in self._drawn.items()}, mask)
+        drawn: Infos = {}
+        for name, (values, has) in self._drawn.items():
+            if (has & mask).any():
+                drawn |= {name: values.copy(), f"_{name}": has & mask}
         return infos | {"drawn": drawn, "_drawn": mask.copy()}
 
 
@@ -189,10 +194,11 @@ _TEXTS = np.array([REASONS[code] for code in sorted(REASONS)], dtype=object)
 
 
 def _masked(infos: Infos, mask: Mask) -> Infos:
-    """The infos with the mask beside each key."""
-    values = {
-        key: _masked(value, mask) if isinstance(value, dict) else value
-        for key, value in infos.items()
-        if not key.startswith("_")
-    }
-    return values | {f"_{key}": mask.copy() for key in values}
+    """The infos with a mask beside each key, which leaves no more than it did."""
+    masked: Infos = {}
+    for key, value in infos.items():
+        if key.startswith("_"):
+            continue
+        masked[key] = _masked(value, mask) if isinstance(value, dict) else value
+        masked[f"_{key}"] = infos.get(f"_{key}", mask) & mask
+    return masked

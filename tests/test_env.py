@@ -119,7 +119,6 @@ def test_pickle_keeps_the_future():
     other = pickle.loads(pickle.dumps(env))
     assert_same(rollout(env, actions(20, 1)), rollout(other, actions(20, 1)))
     assert_same(env.reset(), other.reset())
-    assert other.observation_space == env.observation_space
 
 
 def test_state_restores_the_future():
@@ -133,7 +132,6 @@ def test_state_restores_the_future():
     rollout(env, actions(7, 2))
     for restored in (env, other):
         restored.set_state(state)
-        assert restored.time == pytest.approx(15 * 2.0e-3)
         assert_same([rollout(restored, actions(15, 1)), restored.reset(), restored.time], future)
         assert restored.scenario.name == "excited"
 
@@ -210,8 +208,8 @@ def test_actions_out_of_range_are_clipped_and_counted():
         obs, reward, *_, info = env.step(action)
         results.append([obs, reward, info["applied"]])
         assert info["clipped"] == (4 if action is wild else 0)
+        assert env.step(np.zeros(N_ACTIONS))[4]["clipped"] == 0
     assert_same(*results)
-    assert env.step(np.zeros(N_ACTIONS))[4]["clipped"] == 0
 
 
 def test_float32_actions_are_taken_as_they_are():
@@ -289,13 +287,13 @@ def test_lost_grasp_terminates(gap, ends, axis):
     assert (terminated, info["failure"]) == (ends, "lost grasp" if ends else "")
 
 
-@pytest.mark.parametrize("speed", [1e80, 1e200])
-def test_overflow_ends_with_a_reason_and_without_nan(speed):
-    """A state so fast that numbers overflow: a reason is given, and no number is ever NaN or infinite."""
-    env = SFFRFlexEnv()
+@pytest.mark.parametrize(("rate", "speed"), [(1e3, 0.0), (1e4, 0.0), (20.0, 1e80), (20.0, 1e200)])
+def test_overflow_ends_with_a_reason_and_without_nan(rate, speed):
+    """What blows up, by itself or from a state restored, ends with a reason, and every number returned is finite."""
+    env = SFFRFlexEnv(overrides=[f"simulation.baumgarte={rate}"])  # too fast for the steps beyond 500 / s
     env.reset(seed=0)
     state = env.get_state()
-    state["batch"].v[0, 3] = speed
+    state["batch"].v[0, 3] += speed
     env.set_state(state)
     with np.errstate(all="ignore"):  # it overflows, inside; numpy sees it where the kernels are not compiled
         outputs, _ = run_until_end(env, np.zeros(N_ACTIONS))

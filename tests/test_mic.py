@@ -33,7 +33,7 @@ def grasping_params(overrides, arms):
     params = load_params().with_overrides("object=null", *overrides)
     model, q = make_robot(params).model, np.array(params.initial.q)
     ends = np.array([arm_points(model, q, 0 * q, arm)[1].x for arm in range(arms)])
-    points = ends - ends.mean(axis=0)
+    points = ends - ends.mean(axis=0) + [0.12, -0.07]  # its centre of mass lies off their middle
     grasps = ", ".join(f"{{arm: arm{i + 1}, point: [{x}, {y}]}}" for i, (x, y) in enumerate(points))
     return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: [{grasps}]}}")
 

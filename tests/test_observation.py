@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracle import Oracle
 
-from sffr_gym.batch import make_batch, observe_one, start_episode
+from sffr_gym.batch import make_batch, view_one, start_episode
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
@@ -68,7 +68,9 @@ class Observer:
     """The observation of any state at any time, in an episode that starts at a phase of the circle."""
 
     def __init__(self, params, phase=0.0):
-        self.params, self.robot = params, make_robot(params)
+        self.params = params
+        wide = [f"limits.{name}=1000" for name in ("position", "velocity", "angle", "rate")]  # nothing is cut off
+        self.robot = make_robot(params.with_overrides(*wide))
         self.model = self.robot.model
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
@@ -79,7 +81,7 @@ class Observer:
         batch = make_batch(self.robot, 1)
         start_episode(self.robot, batch, 0, Episode(p, v, self.reference, {}))
         batch.tick[0] = tick
-        observe_one(self.robot, batch, 0)
+        view_one(self.robot, batch, 0)
         return batch.obs[0]
 
     def perturbed(self, seed):
@@ -241,6 +243,33 @@ def test_info_is_the_state(scenario, heading):
         assert info["thrust"] == pytest.approx(np.abs(base[:2]).sum(), rel=1e-12)
         assert info["joint_square"] == pytest.approx(np.sum(joints**2), rel=1e-12)
         np.testing.assert_array_equal(info["applied"], command)
+
+
+@pytest.mark.parametrize(("integrator", "step"), [("etdrk4", 2.0e-3), ("rk4", 3.0e-4), ("rk4", 2.5e-4)])
+def test_a_step_is_the_simulators(integrator, step):
+    """One control period of the environment is that of the simulator under the same forces and with the same steps."""
+    env = SFFRFlexEnv("offset", overrides=[f"simulation.integrator={integrator}", f"simulation.max_step={step}"])
+    env.reset(seed=2)
+    simulator, state = Simulator(env.params), env.state()
+    for action in actions(5):
+        env.step(action)
+        command = action * env.robot.scale
+        state = simulator.step(state, base=command[6:9], joints=command[9:], piezo_volts=command[:6].reshape(2, 3))
+        for name in ("q", "qd", "qf", "qfd", "obj", "objd"):
+            scale = np.abs(getattr(state, name)).max()
+            np.testing.assert_allclose(getattr(env.state(), name), getattr(state, name), rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("scenario", ["excited", "offset"])
+def test_info_of_a_reset_is_the_state(scenario):
+    """What depends on the state alone is measured at the start as well: a robot off the path is not reported on it."""
+    env = SFFRFlexEnv(scenario)
+    obs, info = env.reset(seed=6)
+    fields = {name: obs[field.slice] for name, field in env.fields.items()}
+    assert info["object_error"] == pytest.approx(np.linalg.norm(fields["object_error"]), rel=1e-12)
+    assert info["attitude_error"] == abs(fields["object_angle_error"][0])
+    assert info["tip"] == pytest.approx(np.abs(fields["elastic"][[1, 4]]).max(), rel=1e-12)
+    assert info["vibration"] > 0.0
 
 
 def test_saturation_is_reported():

@@ -191,6 +191,21 @@ def test_a_new_scenario_replaces_what_was_drawn():
     assert env.scenario.name == "nominal"
 
 
+def test_a_new_scenario_for_some_replaces_what_they_drew():
+    """After a partial reset into another scenario, info agrees with that of single environments, reset and step."""
+    native = SFFRFlexVectorEnv(3, scenario="excited", autoreset_mode=AutoresetMode.DISABLED)
+    single = SyncVectorEnv([lambda: SFFRFlexEnv("excited")] * 3, autoreset_mode=AutoresetMode.DISABLED)
+    for env in (native, single):
+        env.reset(seed=0)
+    outputs = [
+        [env.reset(options={"reset_mask": np.array([True, False, True]), "scenario": name}) for env in (native, single)]
+        for name in ("nominal", "offset")
+    ]
+    outputs.append([env.step(np.zeros((3, N_ACTIONS))) for env in (native, single)])
+    for left, right in outputs:
+        assert_outputs_agree(left, right)
+
+
 def test_a_new_scenario_keeps_the_length_of_running_episodes(tmp_path):
     """A partial reset into a shorter scenario does not truncate the others."""
     long = write(tmp_path / "long.yaml", duration=0.1)
@@ -304,13 +319,15 @@ def test_bad_arguments_raise(tmp_path):
 def test_a_forked_process_can_step():
     """A worker forked after the batch has run in threads, as process pools do, steps and does not wait for ever."""
     code = (
-        "import os, signal, numpy as np\n"
+        "import os, signal, time, numpy as np\n"
         "from sffr_gym import batch\n"
         "from sffr_gym.vector_env import SFFRFlexVectorEnv\n"
         "batch.THREADS, batch.SMALLEST_CHUNK = 2, 1\n"
         "env = SFFRFlexVectorEnv(4)\n"
         "env.reset(seed=0)\n"
-        "env.step(np.zeros((4, 15)))\n"
+        "for _ in range(50):\n"
+        "    env.step(np.zeros((4, 15)))\n"
+        "time.sleep(0.2)\n"  # until both threads are idle
         "child = os.fork()\n"
         "if child == 0:\n"
         "    signal.alarm(10)\n"
