@@ -21,7 +21,7 @@ from agents.figures import save_figures
 from agents.run_folder import check_folder, package_version, write_run
 from baselines import POLICIES
 from sffr_gym import ConfigError
-from sffr_gym._jit import is_compiled
+from sffr_gym._jit import is_compiled, remove_stale_caches
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -45,6 +45,7 @@ def sffr(
     ] = False,
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
+    remove_stale_caches()
 
 
 @contextmanager

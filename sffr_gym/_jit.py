@@ -22,25 +22,27 @@ MAX_CACHE_AGE = 30 * 24 * 3600.0  # s, compiled code of older sources is removed
 
 _USER_CHOSE_CACHE = "NUMBA_CACHE_DIR" in os.environ
 _sources: list[bytes] = []
+_folders: dict[str, Path] = {}
 
 
 def cache_sources(package: Path) -> Path:
-    """Add a package's sources to the hash that names the cache folder, and point numba at that folder.
+    """Name the cache folder of a package's kernels by a hash of its sources and of those hashed before.
 
-    A package whose kernels call those of another one calls this before it defines any.
+    A package whose kernels call those of another one calls this after importing it and before it defines any.
 
     Args:
         package: folder that holds the package's ``.py`` files.
 
     Returns:
-        The folder in use; the user's own, if ``NUMBA_CACHE_DIR`` is set.
+        The folder; the user's own, if ``NUMBA_CACHE_DIR`` is set.
     """
     if _USER_CHOSE_CACHE:
         return Path(numba.config.CACHE_DIR)
     _sources.extend(text for path in sorted(package.glob("*.py")) if b"kernel" in (text := path.read_bytes()))
     digest = hashlib.sha256(b"".join(_sources)).hexdigest()[:16]
-    folder = CACHE_ROOT / digest
-    numba.config.CACHE_DIR = str(folder)
+    folder = _folders[package.name] = CACHE_ROOT / digest
+    if folder.is_dir():
+        os.utime(folder)  # in use; see remove_stale_caches
     return folder
 
 
@@ -66,22 +68,26 @@ def kernel(
     if function is None:
         return functools.partial(kernel, inline=inline, allocates=allocates, nogil=nogil)
     options = {"forceinline": inline, "_nrt": allocates, "nogil": nogil}
-    return numba.njit(cache=True, error_model="numpy", **options)(function)
+    folder = _folders.get(function.__module__.partition(".")[0])
+    others = numba.config.CACHE_DIR  # numba reads it while it decorates; a user's own kernels keep theirs
+    if folder is not None:
+        numba.config.CACHE_DIR = str(folder)
+    try:
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
+    finally:
+        numba.config.CACHE_DIR = others
 
 
-def is_compiled(folder: Path | None = None) -> bool:
+def is_compiled() -> bool:
     """Say whether compiled kernels of these very sources lie in the cache (a first run takes about a minute)."""
-    folder = folder or Path(numba.config.CACHE_DIR)
-    return folder.is_dir() and any(folder.rglob("*.nbi"))
+    folders = _folders.values() if _folders else [Path(numba.config.CACHE_DIR)]
+    return all(folder.is_dir() and any(folder.rglob("*.nbi")) for folder in folders)
 
 
 def remove_stale_caches() -> None:
     """Remove the cache folders of sources that have not run for a while."""
-    if _USER_CHOSE_CACHE or not CACHE_ROOT.is_dir():
-        return
-    current = Path(numba.config.CACHE_DIR)
-    for folder in CACHE_ROOT.iterdir():
-        if folder != current and time.time() - folder.stat().st_mtime > MAX_CACHE_AGE:
+    for folder in CACHE_ROOT.iterdir() if CACHE_ROOT.is_dir() else ():
+        if folder not in _folders.values() and time.time() - folder.stat().st_mtime > MAX_CACHE_AGE:
             shutil.rmtree(folder, ignore_errors=True)
 
 

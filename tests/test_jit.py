@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -63,10 +64,11 @@ def test_kernels_see_nan_and_divide_as_numpy():
 def test_cache_folder_follows_the_sources(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", False)
     monkeypatch.setattr(_jit, "_sources", [])
-    monkeypatch.setattr(numba.config, "CACHE_DIR", numba.config.CACHE_DIR)
+    monkeypatch.setattr(_jit, "_folders", {})
     source = tmp_path / "law.py"
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 1.0\n")
     first = _jit.cache_sources(tmp_path)
+    assert _jit._folders == {tmp_path.name: first}
     monkeypatch.setattr(_jit, "_sources", [])
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 2.0\n")
     assert _jit.cache_sources(tmp_path) != first
@@ -76,6 +78,27 @@ def test_a_user_s_cache_folder_is_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", True)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     assert _jit.cache_sources(Path(_jit.__file__).parent) == tmp_path
+
+
+def test_caches_that_nobody_used_for_a_month_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(_jit, "CACHE_ROOT", tmp_path)
+    monkeypatch.setattr(_jit, "_folders", {"sffr_gym": tmp_path / "mine"})
+    for name, days in (("mine", 60), ("recent", 5), ("old", 60)):
+        (tmp_path / name).mkdir()
+        long_ago = time.time() - days * 24 * 3600
+        os.utime(tmp_path / name, (long_ago, long_ago))
+    _jit.remove_stale_caches()
+    assert {folder.name for folder in tmp_path.iterdir()} == {"mine", "recent"}
+
+
+def test_import_order_does_not_matter():
+    """A kernel is cached in the same place whichever package is imported first; others' kernels are left alone."""
+    code = "import {}, numba, sffr_gym.batch as b; print(b.step_range._cache.cache_path, numba.config.CACHE_DIR)"
+    places = {
+        subprocess.run([sys.executable, "-c", code.format(first)], capture_output=True, text=True, check=True).stdout
+        for first in ("sffr_gym", "baselines")
+    }
+    assert len(places) == 1
 
 
 @pytest.mark.parametrize("size", [0, 1, 5])

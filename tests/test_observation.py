@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from oracle import Oracle
 
-from sffr_gym.batch import make_batch, view_one, start_episode
+from sffr_gym.batch import make_batch, start_episode, view_one
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
