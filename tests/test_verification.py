@@ -1,0 +1,143 @@
+"""The checks of `sffr verify`, shortened, each section where its library is installed; and their report."""
+
+import math
+import re
+from html.parser import HTMLParser
+from importlib import import_module
+
+import numba
+import pytest
+
+from verification import Check, Picture, number, run_checks, suite, write_page
+from verification.check import judge, relative, rms
+
+LIBRARIES = {
+    "equations": ["sympy"],
+    "control_law": ["sympy"],
+    "rigid": ["pinocchio"],
+    "coupling": [],
+    "conservation": [],
+    "grasp": ["mujoco", "exudyn"],
+    "fig5": ["mujoco", "exudyn"],
+}
+SLOW = {"fig5", "grasp"}
+INTEGRATING = {"conservation", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
+
+
+SECTIONS = [
+    pytest.param(name, libraries, marks=pytest.mark.slow if name in SLOW else (), id=name)
+    for name, libraries in LIBRARIES.items()
+]
+
+
+def passing(name="what", **changes):
+    return Check(name, "other", 1.0e-12, 1.0e-9, "m", True, 0.5, "why", section="Part")._replace(**changes)
+
+
+@pytest.mark.parametrize(("name", "libraries"), SECTIONS)
+def test_section_passes(name, libraries):
+    for library in libraries:
+        pytest.importorskip(library)
+    if numba.config.DISABLE_JIT and name in INTEGRATING:
+        pytest.skip("not compiled")
+    for function in import_module(f"verification.{name}").checks(quick=True):
+        check = function()
+        assert check.passed, f"{check.name}: {check.error:.3g} {check.unit}, allowed {check.allowed:.3g}. {check.note}"
+        assert math.isfinite(check.error)
+
+
+def test_every_section_is_tested_here():
+    assert {name for _, name in suite.SECTIONS} == set(LIBRARIES)
+
+
+@pytest.mark.parametrize(("error", "passed"), [(1.0, True), (1.0 + 1e-9, False), (math.nan, False), (math.inf, False)])
+def test_a_check_passes_up_to_what_is_allowed(error, passed):
+    assert judge("", "", error, 1.0, "", "").passed is passed
+
+
+def test_measures():
+    assert rms([3.0, 4.0, 0.0, 0.0]) == pytest.approx(2.5)
+    assert relative([1.0, -4.0], [1.5, -4.0]) == pytest.approx(0.125)
+
+
+def test_a_wrong_sign_is_found(monkeypatch):
+    """The panel's gyroscopic coupling with the other sign, in the readable form: derivation and kernels disagree."""
+    pytest.importorskip("sympy")
+    from sffr_gym import monolithic
+    from verification import coupling, equations
+
+    right = monolithic.panel_equations
+
+    def wrong(beam, delta, delta_d, qf, qfd):
+        return right(beam._replace(N=beam.N.T), delta, delta_d, qf, qfd)
+
+    monkeypatch.setattr(monolithic, "panel_equations", wrong)
+    assert not equations.arrays(states=1).passed
+    assert not coupling.checks(quick=True)[0]().passed
+
+
+def test_a_missing_library_and_a_broken_check_are_failures(monkeypatch):
+    def broken(quick):
+        def diverges():
+            raise FloatingPointError("no solution")
+
+        return [diverges, passing]
+
+    module = type("Module", (), {"checks": staticmethod(broken)})
+
+    def find(name):
+        if name == "verification.first":
+            raise ModuleNotFoundError("No module named 'engine'", name="engine")
+        return module
+
+    monkeypatch.setattr(suite, "SECTIONS", (("One", "first"), ("Two", "second")))
+    monkeypatch.setattr(suite, "import_module", find)
+    missing, raised, good = run_checks(quick=True)
+    assert not missing.passed and "engine" in missing.note and "sffr-gym[verify]" in missing.note
+    assert not raised.passed and raised.name == "diverges" and raised.note == "FloatingPointError: no solution"
+    assert good.passed and good.section == "Two" and good.seconds < 0.5
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.0, "entries", "0 entries"),
+        (1.234e-12, "m", "1.2e-12 m"),
+        (0.0948, "", "0.095"),
+        (math.nan, "m", "none"),
+        (math.inf, "", "inf"),
+    ],
+)
+def test_numbers_for_people(value, unit, text):
+    assert number(value, unit) == text
+
+
+def test_page_has_every_check_and_picture(tmp_path):
+    pytest.importorskip("matplotlib")
+
+    def draw():
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        figure.subplots().plot([0.0, 1.0])
+        return figure
+
+    picture = Picture("Curves & lines", "What to see", draw)
+    checks = [passing("a < b", pictures=(picture,)), passing("second", passed=False, section="Other")]
+    text = write_page(checks, tmp_path / "new").read_text(encoding="utf-8")
+
+    class Reader(HTMLParser):
+        words, images = "", 0
+
+        def handle_data(self, data):
+            self.words += data
+
+        def handle_starttag(self, tag, attributes):
+            self.images += tag == "svg"
+
+    reader = Reader()
+    reader.feed(text)
+    for expected in ("a < b", "second", "other", "1e-12 m", "1e-09 m", "why", "1 failed", "Curves & lines", "Other"):
+        assert expected in reader.words
+    assert reader.images == 1
+    assert not re.search(r"(src|href)=.?http", text)  # nothing is fetched

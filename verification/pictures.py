@@ -1,0 +1,142 @@
+"""Figures of the report. Matplotlib is imported where it is used, so that the checks run without it.
+
+The background is transparent, and what is drawn in ``INK`` takes the colour of the page's text.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verification.check import Array
+from verification.motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK = "#8A8A8A"
+# Okabe and Ito's colours, which colour-blind people can tell apart; the reference is the widest line.
+COLOURS = ("#8A8A8A", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+WIDTHS = (3.0, 2.0, 1.2, 1.2, 1.2, 1.2)
+STYLE: dict[Any, Any] = {
+    "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9, "axes.grid": True,
+    "grid.color": INK, "grid.alpha": 0.25, "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": INK, "axes.labelcolor": INK, "xtick.color": INK, "ytick.color": INK, "text.color": INK,
+    "axes.facecolor": "none", "figure.facecolor": "none", "savefig.facecolor": "none", "legend.frameon": False,
+    "axes.axisbelow": True, "svg.hashsalt": "verification", "axes.titlelocation": "left",
+}  # fmt: skip
+PANELS = ("left panel", "right panel")
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Draw in the report's style."""
+
+    @functools.wraps(draw)
+    def drawn(*arguments: Any) -> Figure:
+        import matplotlib as mpl
+
+        with mpl.rc_context(STYLE):
+            return draw(*arguments)
+
+    return drawn
+
+
+@styled
+def tips(curves: Mapping[str, Motion], reference: str) -> Figure:
+    """Transverse displacement of both tips, and differences from the reference below."""
+    figure, axes = _grid(2, 2, height=4.6)
+    for i, name in enumerate(PANELS):
+        upper, lower = axes[0][i], axes[1][i]
+        upper.set_title(f"tip of the {name} [mm]")
+        lower.set_title(f"difference from {reference} [mm]")
+        for (label, motion), style in zip(curves.items(), _styles(), strict=False):
+            upper.plot(motion.t, 1e3 * motion.tips[:, i, 1], label=label, **style)
+            if label != reference:
+                lower.plot(motion.t, 1e3 * (motion.tips - curves[reference].tips)[:, i, 1], **style)
+        lower.set_xlabel("time [s]")
+    return _legend(figure, axes[0][0])
+
+
+@styled
+def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> Figure:
+    """Relative tip difference over the force of the pulse."""
+    figure, axes = _grid(1, 1, width=5.2, height=3.2)
+    ax = axes[0][0]
+    for (label, values), colour in zip(series.items(), COLOURS[1:], strict=False):
+        ax.plot(newtons, 100 * np.asarray(values), "o-", color=colour, markersize=4, linewidth=1.4)
+        ax.annotate(label, (newtons[0], 100 * values[0]), (-6, 0), textcoords="offset points", ha="right", va="center",
+                    color=colour)  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="force of the pulse [N]")
+    ax.set_title("tip difference from Exudyn, rms [%]")
+    ax.set_xlim(newtons[0] / 2.6, newtons[-1] * 1.2)
+    ax.set_xticks(list(newtons), [f"{force:g}" for force in newtons])
+    ax.minorticks_off()
+    return figure
+
+
+@styled
+def convergence(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """Largest difference from us over what each peer refines."""
+    figure, axes = _grid(1, len(errors), height=2.9)
+    for ax, (label, (values, found)), colour, order in zip(axes[0], errors.items(), COLOURS[1:], (1, 2), strict=False):
+        ax.plot(values, found, "o-", color=colour, markersize=5, linewidth=1.6)
+        guide = [found[0] * (value / values[0]) ** order for value in values]
+        ax.plot(values, guide, "--", color=INK, linewidth=1.0)
+        ax.annotate(f"order {order}", (values[1], guide[1]), (6, -10), textcoords="offset points")
+        engine, quantity = label.split(", ")
+        ax.set(xscale="log", yscale="log", xlabel=quantity)
+        ax.set_xticks(list(values), [f"{value:g}" for value in values])
+        ax.minorticks_off()
+        ax.set_ylim(10.0 ** np.floor(np.log10(min(found))), 10.0 ** np.ceil(np.log10(max(found))))
+        ax.set_title(f"difference from {engine} [m]")
+    return figure
+
+
+@styled
+def forces(t: Array, curves: Mapping[str, Array], reference: str) -> Figure:
+    """Force on the first gripper, and differences from the reference below."""
+    figure, axes = _grid(2, 2, height=4.2)
+    for i, axis in enumerate("xy"):
+        upper, lower = axes[0][i], axes[1][i]
+        upper.set_title(f"force on gripper 1 along {axis} [N]")
+        lower.set_title(f"difference from {reference} [N]")
+        for (label, lam), style in zip(curves.items(), _styles(), strict=False):
+            upper.plot(t, lam[:, 0, i], label=label, **style)
+            if label != reference:
+                lower.plot(t, (lam - curves[reference])[:, 0, i], **style)
+        lower.set_xlabel("time [s]")
+    return _legend(figure, axes[0][0])
+
+
+def svg(figure: Figure) -> str:
+    """The figure as an SVG element of a page, in whose colour of text it draws axes and labels."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :].replace(INK.lower(), "currentColor")
+
+
+def _grid(rows: int, columns: int, width: float = 9.0, height: float = 3.0) -> tuple[Figure, NDArray[Any]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, sharex=rows > 1)
+
+
+def _styles() -> list[dict[str, Any]]:
+    return [{"color": colour, "linewidth": width} for colour, width in zip(COLOURS, WIDTHS, strict=True)]
+
+
+def _legend(figure: Figure, ax: Axes) -> Figure:
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), frameon=False, labelcolor=INK)
+    return figure
