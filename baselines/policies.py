@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import warnings
 from typing import Any, Protocol
 
 import numpy as np
 
 from baselines.closed_loop import Law, act
 from baselines.mic import layout
+from baselines.stability import MARGIN, sampled_growth
 from baselines.suppression import damped_coordinates, make_suppression
 from sffr_gym.actuators import pack_actuators
 from sffr_gym.beam import N_TIP, Array
@@ -120,6 +122,9 @@ def make_policy(name: str, env: Any) -> Policy:
 
     Raises:
         ValueError: for an unknown name (with the nearest one).
+
+    Warns:
+        UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`baselines.stability`.
     """
     if name not in POLICIES:
         near = difflib.get_close_matches(name, POLICIES, n=1)
@@ -128,7 +133,9 @@ def make_policy(name: str, env: Any) -> Policy:
     prior: Params = env if isinstance(env, Params) else env.unwrapped.params
     if name == "random":
         return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
-    return LawPolicy(name, prior, **_LAWS[name])
+    policy = LawPolicy(name, prior, **_LAWS[name])
+    _warn_of_unstable_sampling(policy, prior)
+    return policy
 
 
 def make_law(prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> Law:
@@ -147,6 +154,21 @@ def make_law(prior: Params, *, active: bool, adaptive: bool, filtered: bool = Fa
         allocation=actuators.allocation,
         scale=actuators.limit,
     )
+
+
+def _warn_of_unstable_sampling(policy: LawPolicy, prior: Params) -> None:
+    """Say so if the virtual damping feeds a panel because it is held over each control period."""
+    law = policy.law.suppression
+    if not (law.damped.any() and prior.n_panels):
+        return
+    growth = float(sampled_growth(policy.law.prior, law.B0, law.damped, law.period))
+    if growth > 1.0 + MARGIN:
+        warnings.warn(
+            f"{policy.name} tears the panels apart: held for {law.period:g} s, the virtual damping suppression.B0 = "
+            f"{law.B0.tolist()} lets a clamped panel's vibration grow {growth:.3g} times each period; shorten "
+            "control.period, lower suppression.B0, or leave out fast modes with panel.bending_cut and panel.axial_cut",
+            stacklevel=3,
+        )
 
 
 def left_out(prior: Params) -> tuple[str, ...]:

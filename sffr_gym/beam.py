@@ -113,16 +113,16 @@ def beam(mass: float, length: float, EI: float, EA: float, elements: int) -> Bea
     )  # fmt: skip
 
 
-def clamped_modes(panel: Beam, cut: float) -> Modes:
-    """Solve ``K phi = omega^2 M_ff phi`` and keep the modes up to ``cut`` [rad/s].
+def clamped_modes(panel: Beam, axial_cut: float, bending_cut: float) -> Modes:
+    """Solve ``K phi = omega^2 M_ff phi`` and keep the modes of each family up to its cut [rad/s].
 
     Axial and bending motion of a straight panel are uncoupled, so each family is solved alone.
     """
     size = len(panel.S_x)
     axial = np.arange(0, size, N_TIP)
     bending = np.setdiff1d(np.arange(size), axial)
-    omega_a, shapes_a = _family(panel, axial, tip=axial[-1], cut=cut)
-    omega_b, shapes_b = _family(panel, bending, tip=size - 2, cut=cut)
+    omega_a, shapes_a = _family(panel, axial, tip=axial[-1], cut=axial_cut)
+    omega_b, shapes_b = _family(panel, bending, tip=size - 2, cut=bending_cut)
     shapes = block_diag(shapes_a, shapes_b)
     order = np.argsort(np.concatenate([axial, bending]))
     return Modes(np.concatenate([omega_a, omega_b]), len(omega_a), shapes[order])

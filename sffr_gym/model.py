@@ -112,7 +112,7 @@ def pack(params: Params) -> Model:
     links = [link for arm in params.arms for link in arm.links]
     panel, mounts = params.panel, params.panel.mounts
     shape = panel_beam(params)
-    modes = clamped_modes(shape, panel.mode_cut)
+    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
     omega2 = modes.omega**2
     is_axial = np.arange(len(omega2)) < modes.n_axial
     longest_step = _longest_step(params, modes.omega)
@@ -186,7 +186,7 @@ def nodal(model: Model, amplitudes: Array) -> Array:
 
 
 def modal(model: Model, q_f: Array) -> Array:
-    """Modal amplitudes (n_p * n_m,) of nodal elastic coordinates (n_p, n_f); the part above the mode cut is lost."""
+    """Modal amplitudes (n_p * n_m,) of nodal elastic coordinates (n_p, n_f); the part above the cuts is lost."""
     return np.einsum("pmf,pf->pm", model.inverse, q_f).ravel()
 
 

@@ -107,7 +107,7 @@ def _excite(
             if mode >= shape[1]:
                 raise ConfigError(
                     f"{scenario.name}: panel_modes: mode {excited.mode} is not there; the panels have "
-                    f"{shape[1] - model.n_axial} bending modes (panel.elements, panel.mode_cut)"
+                    f"{shape[1] - model.n_axial} bending modes (panel.elements, panel.bending_cut)"
                 )
             tip, phase = rng.uniform(*excited.amplitude), rng.uniform(0.0, 2.0 * np.pi)
             amplitude = tip / model.shapes[panel, -N_TIP + 1, mode]

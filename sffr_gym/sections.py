@@ -108,7 +108,8 @@ class Panel(Section):
     area: Annotated[float, Field(gt=0.0, le=1.0)] = Field(description="area of the cross-section [m2]")
     elements: Annotated[int, Field(ge=1, le=64)] = Field(description="number of beam elements per panel [-]")
     strain_rate_damping: NonNegative = Field(description="Kelvin-Voigt eta in D = eta K [s]")
-    mode_cut: Positive = Field(description="clamped modes above this frequency are left out [rad/s]")
+    axial_cut: Positive = Field(description="clamped axial modes above this frequency are left out [rad/s]")
+    bending_cut: Positive = Field(description="clamped bending modes above this frequency are left out [rad/s]")
     mounts: tuple[PanelMount, ...] = Field(description="one entry for each panel")
 
 

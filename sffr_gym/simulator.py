@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh, null_space
+from scipy.linalg import block_diag, eigh, null_space
 
 from sffr_gym import monolithic
 from sffr_gym.actuators import generalized_forces, pack_actuators, saturate
@@ -212,12 +212,12 @@ class Simulator:
     def frequencies(self, state: State) -> Array:
         """Undamped natural angular frequencies about a configuration at rest [rad/s], rigid motion left out.
 
-        With an object the motion is restricted to what the pins allow.
+        Of the panels' modes below the cuts; with an object, of the motion that the pins allow.
         """
         n = len(state.q)
-        M, _ = self._assembled(state)
-        stiffness = np.zeros_like(M)
-        stiffness[n:, n:] = np.kron(np.eye(len(state.qf)), self._beam.K)
+        kept = block_diag(np.eye(n), *self.model.shapes)
+        M = kept.T @ self._assembled(state)[0] @ kept
+        stiffness = np.diag(np.concatenate([np.zeros(n), self.model.omega2.ravel()]))
         if state.obj is not None:
             m, inertia = self.model.object_mass, self.model.object_inertia
             J, _ = monolithic.constraint_jacobian(self.model, state.q, 0 * state.qd, state.obj)

@@ -10,7 +10,7 @@ coordinates it depends on; the sums over the bodies are the robot's M, h and ene
     M(z) zdd + h(z, zd) = Q,    h_i = d/dt (dT/dzd_i) at zdd = 0  -  dT/dz_i  +  dV/dz_i  +  (eta K zd)_i.
 
 Every body carries the base's x, y and beta as its first three coordinates. Angles are positive counterclockwise.
-`panel.mode_cut` has no meaning here: all elastic coordinates are kept.
+`panel.axial_cut` and `panel.bending_cut` have no meaning here: all elastic coordinates are kept.
 """
 
 from collections.abc import Callable

@@ -134,7 +134,7 @@ def test_shape_functions_interpolate_their_nodes() -> None:
 
 def test_one_element_overestimates_the_frequencies_by_the_known_amount() -> None:
     """The roots of the 2 x 2 determinant; +0.48 % on the first bending mode, +10.3 % on the axial one."""
-    modes = clamped_modes(panel(1), NO_CUT)
+    modes = clamped_modes(panel(1), NO_CUT, NO_CUT)
     # det (K - omega^2 M_ff) of bending as a polynomial in z = omega^2 rho a L^4 / EI.
     determinant = np.polysub(np.polymul([-13 / 35, 12], [-1 / 105, 4]), np.polymul([11 / 210, -6], [11 / 210, -6]))
     z = np.sort(np.roots(determinant))
@@ -150,7 +150,7 @@ def test_frequencies_converge_to_the_exact_beam() -> None:
     counts = np.array([4, 8, 16])
     errors = []
     for elements in counts:
-        modes = clamped_modes(panel(int(elements)), NO_CUT)
+        modes = clamped_modes(panel(int(elements)), NO_CUT, NO_CUT)
         axial, bending = modes.omega[: modes.n_axial], modes.omega[modes.n_axial :]
         errors.append(np.concatenate([axial[:2] / AXIAL[:2], bending[:2] / BENDING[:2]]) - 1)
     errors = np.array(errors)
@@ -165,7 +165,7 @@ def test_frequencies_converge_to_the_exact_beam() -> None:
 def test_modes_diagonalise_the_panel(elements: int) -> None:
     """Mass-normalised, axial ones first, each family in ascending order, uncoupled, positive at the tip."""
     b = panel(elements)
-    omega, n_axial, shapes = clamped_modes(b, NO_CUT)
+    omega, n_axial, shapes = clamped_modes(b, NO_CUT, NO_CUT)
     assert shapes.shape == (3 * elements, 3 * elements)
     assert n_axial == elements
     np.testing.assert_allclose(shapes.T @ b.M_ff @ shapes, np.eye(3 * elements), atol=1e-10)
@@ -182,16 +182,17 @@ def test_modes_diagonalise_the_panel(elements: int) -> None:
     assert (shapes[-2, n_axial:] > 0).all()
 
 
-def test_mode_cut_leaves_out_what_lies_above() -> None:
-    """The kept modes are those of the whole set below the cut, which itself is included; nothing is too low a cut."""
+def test_cuts_leave_out_what_lies_above() -> None:
+    """Each family's kept modes are those of the whole set up to its cut, the cut included; nothing is too low a cut."""
     b = panel(4)
-    whole = clamped_modes(b, NO_CUT)
-    for cut in (whole.omega[5], BENDING[0] * 1.5, AXIAL[0] * 1.2, whole.omega.max()):
-        kept = clamped_modes(b, cut)
-        expected = whole.omega <= cut
+    whole = clamped_modes(b, NO_CUT, NO_CUT)
+    is_axial = np.arange(len(whole.omega)) < whole.n_axial
+    for axial, bending in ((AXIAL[0] * 1.2, whole.omega[5]), (NO_CUT, BENDING[0] * 1.5), (whole.omega[2], NO_CUT)):
+        kept = clamped_modes(b, axial, bending)
+        expected = whole.omega <= np.where(is_axial, axial, bending)
         np.testing.assert_allclose(kept.omega, whole.omega[expected], rtol=1e-12)
         np.testing.assert_allclose(kept.shapes, whole.shapes[:, expected], rtol=1e-9, atol=1e-9)
         assert kept.n_axial == np.count_nonzero(expected[: whole.n_axial])
-    assert clamped_modes(b, BENDING[0] * 1.5).n_axial == 0
-    empty = clamped_modes(b, BENDING[0] / 2)
+    assert clamped_modes(b, AXIAL[0] / 2, NO_CUT).n_axial == 0
+    empty = clamped_modes(b, AXIAL[0] / 2, BENDING[0] / 2)
     assert (empty.omega.shape, empty.shapes.shape, empty.n_axial) == ((0,), (12, 0), 0)

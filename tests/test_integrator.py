@@ -208,7 +208,9 @@ def test_stiff_panels_make_a_rigid_robot() -> None:
     expected = rigid.step(rigid.initial_state(), **force, dt=1.0).q
     distances = []
     for EI in (2e5, 2e6):
-        simulator = Simulator(flexible.with_overrides(f"panel.EI={EI}", "panel.mode_cut=1.0e+6"))
+        simulator = Simulator(
+            flexible.with_overrides(f"panel.EI={EI}", "panel.axial_cut=1.0e+6", "panel.bending_cut=1.0e+6")
+        )
         state = simulator.step(simulator.initial_state(), **force, dt=1.0)
         distances.append(np.abs(state.q - expected).max())
     assert distances[1] < 3e-5

@@ -38,7 +38,7 @@ def grasping_params(overrides, arms):
     return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: [{grasps}]}}")
 
 
-LIGHT = ["panel.mass=1.0e-6", "panel.mode_cut=1.0e+8", "initial.qfd=[0, 0, 0]"]
+LIGHT = ["panel.mass=1.0e-6", "panel.axial_cut=1.0e+8", "panel.bending_cut=1.0e+8", "initial.qfd=[0, 0, 0]"]
 ROBOTS = {
     "paper": lambda: load_params(),
     "yawed, tangent": lambda: make_params("tangent"),

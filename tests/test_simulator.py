@@ -15,6 +15,7 @@ from sffr_gym.monolithic import constraint_jacobian
 Array = NDArray[np.float64]
 
 FIELDS = ("q", "qd", "qf", "qfd", "obj", "objd")
+ALL_MODES = ("panel.axial_cut=1.0e+9", "panel.bending_cut=1.0e+9")
 TABLE_IV = [0.0, 0.0, 0.0, 0.6, 4.2, 5.6, 2.1, np.pi / 7, np.pi / 36]
 N_U = 6 + 3 + 6
 
@@ -54,7 +55,7 @@ def test_start_is_that_of_table_iv(simulator: Simulator) -> None:
 @pytest.mark.parametrize("elements", [1, 4])
 def test_elastic_size_follows_the_elements(elements: int) -> None:
     """Shapes, and a start whose tips are the configured ones and whose panels carry no load but at the tip."""
-    overrides = (f"panel.elements={elements}", "initial.qf=[[0, 0.2, 0.04], [0, -0.1, 0.0]]", "panel.mode_cut=1.0e+9")
+    overrides = (f"panel.elements={elements}", "initial.qf=[[0, 0.2, 0.04], [0, -0.1, 0.0]]", *ALL_MODES)
     simulator = Simulator(load_params().with_overrides(*overrides))
     state = simulator.initial_state()
     assert (state.q.shape, state.qd.shape) == ((9,), (9,))

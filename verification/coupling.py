@@ -20,7 +20,7 @@ from sffr_gym.simulator import Simulator, State
 from verification.check import Array, Check, judge, relative
 
 ROUNDING = "Rounding, times the condition of the mass matrix; relative to the largest entry."
-ALL_MODES = "panel.mode_cut=1.0e+9"
+ALL_MODES = ("panel.axial_cut=1.0e+9", "panel.bending_cut=1.0e+9")
 OTHER_ROBOT = (  # another structure: a single slanted panel, mounts and angles that are not special
     "panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]",
     "arms.0.mount_angle=0.4", "arms.2.links.0.com=0.1",
@@ -46,10 +46,10 @@ def checks(quick: bool) -> list[partial[Check]]:
     """The checks of this module."""
     states = 10 if quick else 100
     robots = [
-        ("one element", load_params().with_overrides(ALL_MODES)),
-        ("three elements", load_params().with_overrides(ALL_MODES, "panel.elements=3")),
-        ("one element, no object", load_params().with_overrides(ALL_MODES, "object=null")),
-        ("another robot", load_params().with_overrides(ALL_MODES, "panel.elements=2", "object=null", *OTHER_ROBOT)),
+        ("one element", load_params().with_overrides(*ALL_MODES)),
+        ("three elements", load_params().with_overrides(*ALL_MODES, "panel.elements=3")),
+        ("one element, no object", load_params().with_overrides(*ALL_MODES, "object=null")),
+        ("another robot", load_params().with_overrides(*ALL_MODES, "panel.elements=2", "object=null", *OTHER_ROBOT)),
     ]
     listed = [partial(solution, name, params, states) for name, params in robots]
     return [
@@ -77,7 +77,7 @@ def solution(name: str, params: Params, states: int) -> Check:
 
 def object_force(states: int) -> Check:
     """The same with a force and moment of the surroundings on the object (F_o of Eq. 8), which the kernels take."""
-    sim, worst, rng = Simulator(load_params().with_overrides(ALL_MODES)), 0.0, np.random.default_rng(1)
+    sim, worst, rng = Simulator(load_params().with_overrides(*ALL_MODES)), 0.0, np.random.default_rng(1)
     model, work, out = sim.model, workspace(sim.model), np.zeros(n_positions(sim.model))
     for state, command in _states(sim, states):
         command["obj"] = rng.uniform(-5.0, 5.0, 3)
@@ -96,7 +96,7 @@ def object_force(states: int) -> Check:
 
 def straight_elbow(states: int) -> Check:
     """The same with an elbow as straight as the task allows, where eliminating the arm loses digits."""
-    sim, worst = Simulator(load_params().with_overrides(ALL_MODES)), 0.0
+    sim, worst = Simulator(load_params().with_overrides(*ALL_MODES)), 0.0
     elbow = N_BASE + int(sim.model.arm_first[sim.model.grasp_arm[1]]) + 1
     least = sim.params.limits.arm_singularity
     for state, command in _states(sim, states):
@@ -115,7 +115,7 @@ def straight_elbow(states: int) -> Check:
 
 def panel_forces(states: int) -> Check:
     """Q_flex of the compiled code against Eq. 52 (moments with the minus) from root forces in the panels' axes."""
-    params = load_params().with_overrides(ALL_MODES)
+    params = load_params().with_overrides(*ALL_MODES)
     sim, worst = Simulator(params), 0.0
     l_cos, l_sin = -params.panel.mounts[0].root[0], params.panel.mounts[0].root[1]
     for state, command in _states(sim, states):

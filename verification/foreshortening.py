@@ -21,7 +21,6 @@ from sffr_gym.params import Params
 from verification.motion import RECORD, Array, Motion, Piece, stack
 
 STEP = 1.0e-2  # s
-CUT = 60.0  # rad/s, bending modes above it are left out
 
 
 class Panel(NamedTuple):
@@ -75,7 +74,7 @@ def simulate(params: Params, pieces: Sequence[Piece], geometric: bool = True) ->
 def _panel(params: Params) -> Panel:
     panel = params.panel
     shape = beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
-    modes = clamped_modes(shape, CUT)
+    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
     kept = modes.shapes[:, modes.n_axial :]
     nodes = np.vstack([np.zeros((N_TIP, kept.shape[1])), kept])
     size = panel.length / panel.elements

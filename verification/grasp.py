@@ -150,7 +150,7 @@ def rigid_exudyn(step: float) -> Motion:
 @cache
 def ours() -> Motion:
     """Our simulator: eight elements, bending modes alone."""
-    params = motion.at_rest("panel.elements=8", "panel.mode_cut=2000.0")
+    params = motion.at_rest("panel.elements=8", "panel.axial_cut=1", "panel.bending_cut=1.0e+9")
     return motion.simulate(params, motion.random_torques(TORQUE, SECONDS))
 
 
