@@ -179,12 +179,13 @@ def test_integer_and_float_give_the_same_object(params):
     assert isinstance(whole.panel.EI, float)
 
 
-POSITIVE = """base.mass base.inertia base.side arms.0.links.1.mass arms.0.links.1.length arms.0.links.1.inertia
-    panel.mass panel.length panel.EI panel.area panel.axial_cut panel.bending_cut object.mass object.inertia
-    actuators.thruster_force actuators.thruster_torque actuators.joint_torque
-    actuators.piezo.force actuators.piezo.moment actuators.piezo.voltage path.radius path.speed control.period control.Kp control.Kd suppression.psi
-    simulation.max_step limits.tip limits.arm_singularity limits.grasp_gap limits.position limits.angle limits.velocity
-    limits.rate reward.tracking.scale reward.vibration.scale reward.effort.scale""".split()
+POSITIVE = """base.mass base.inertia base.side arms.0.links.1.mass arms.0.links.1.length
+    arms.0.links.1.inertia panel.mass panel.length panel.EI panel.area panel.axial_cut panel.bending_cut
+    object.mass object.inertia actuators.thruster_force actuators.thruster_torque actuators.joint_torque
+    actuators.piezo.force actuators.piezo.moment actuators.piezo.voltage path.radius path.speed control.period
+    control.Kp control.Kd suppression.psi simulation.max_step limits.tip limits.arm_singularity limits.grasp_gap
+    limits.position limits.angle limits.velocity limits.rate reward.tracking.scale reward.vibration.scale
+    reward.effort.scale""".split()
 NON_NEGATIVE = """arms.0.links.0.com panel.strain_rate_damping suppression.B0.1 suppression.Gamma.2 simulation.baumgarte
     reward.tracking.weight reward.vibration.weight reward.effort.weight""".split()
 
