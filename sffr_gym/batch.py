@@ -12,9 +12,9 @@ import numpy as np
 
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
+from sffr_gym.episode import Episode
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
-from sffr_gym.scenario import Episode
 from sffr_gym.task import N_SIGNALS, REWARDS, Robot, control_period, make_buffers, reward_terms, view
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

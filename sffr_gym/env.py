@@ -12,9 +12,10 @@ import numpy as np
 
 from sffr_gym.batch import make_batch, start_episode, step_batch, view_one
 from sffr_gym.beam import Array
+from sffr_gym.episode import draw
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator, State
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
 

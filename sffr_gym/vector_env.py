@@ -15,8 +15,9 @@ from gymnasium.vector.utils import batch_space
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
+from sffr_gym.episode import draw
 from sffr_gym.observation import observation_fields
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.scenario import load_scenario
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
 
 Mask = np.ndarray
