@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.mic import Layout, mic, mic_workspace
+from baselines.regulator import Regulator, regulate
 from baselines.suppression import Suppression, suppress
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
@@ -29,6 +30,7 @@ class Law(NamedTuple):
         Kp, Kd: gains [1/s2, 1/s].
         layout: places in the observation.
         suppression: the panels' law.
+        regulator: what is added to it, of no effect in the paper's laws.
         allocation: (n_p, n_c, 3) volts for a wanted tip force.
         scale: (n_u,) command of a unit action.
     """
@@ -40,6 +42,7 @@ class Law(NamedTuple):
     Kd: float
     layout: Layout
     suppression: Suppression
+    regulator: Regulator
     allocation: Array
     scale: Array
 
@@ -75,6 +78,8 @@ def control(law, obs, B_hat, work, command):
     limit = law.scale[:n_volts]
     yaw_rate = obs[law.layout.yaw_rate]
     suppress(law.suppression, law.allocation, limit, obs, law.layout.elastic, yaw_rate, B_hat, command[:n_volts])
+    if law.regulator.active > 0.0:
+        regulate(law.regulator, law.allocation, obs, law.layout.elastic, law.layout.reference, command[:n_volts])
     mic(
         law.prior, law.reference, law.held, law.Kp, law.Kd, law.layout, obs, work,
         command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :],

@@ -1,4 +1,4 @@
-"""Policies by name: ``none``, ``random``, ``hsc``, ``ahsc``, ``ahsc-filtered``. They act on the observation alone."""
+"""Policies by name, from ``none`` to ``lqr``; :data:`POLICIES` says what each is. They act on the observation alone."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 
 from baselines.closed_loop import Law, act
 from baselines.mic import layout
+from baselines.regulator import make_regulator
+from baselines.settings import load_damping, load_weights
 from baselines.stability import MARGIN, sampled_growth
 from baselines.suppression import damped_coordinates, make_suppression
 from sffr_gym.actuators import pack_actuators
@@ -38,21 +40,20 @@ class Policy(Protocol):
 
 
 class LawPolicy:
-    """A controller of the paper: MIC for the rigid part, virtual damping for the panels.
+    """A controller of the paper or its kin: MIC for the rigid part, virtual damping or feedback for the panels.
 
     Args:
         name: what tables call it.
-        prior: what the controller believes of the robot.
-        active, adaptive, filtered: see :func:`suppression.make_suppression`.
+        law: its compiled form.
 
     Attributes:
         law: its compiled form, for the closed loop.
         B_hat: (n, n_p, 3) virtual damping of each environment; None before the first observation.
     """
 
-    def __init__(self, name: str, prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> None:
+    def __init__(self, name: str, law: Law) -> None:
         self.name = name
-        self.law = make_law(prior, active=active, adaptive=adaptive, filtered=filtered)
+        self.law = law
         self.B_hat: Array | None = None
 
     def reset(self, seed: int | None = None) -> None:
@@ -108,12 +109,16 @@ POLICIES = {
     "hsc": "hybrid suppression control: constant virtual damping",
     "ahsc": "adaptive hybrid suppression control, the printed law (Y = e)",
     "ahsc-filtered": "the same with the filtered output (Y = e_dot + psi e)",
+    "hsc-tuned": "HSC with the best constant damping that an optimiser found, see configs/policies",
+    "lqr": "not of the paper: optimal active feedback of the panels about their quasi-static shape",
 }
 _LAWS = {
     "none": {"active": False, "adaptive": False},
     "hsc": {"active": True, "adaptive": False},
     "ahsc": {"active": True, "adaptive": True},
     "ahsc-filtered": {"active": True, "adaptive": True, "filtered": True},
+    "hsc-tuned": {"active": True, "adaptive": False},
+    "lqr": {"active": True, "adaptive": False},
 }
 
 
@@ -133,24 +138,39 @@ def make_policy(name: str, env: Any) -> Policy:
     prior: Params = env if isinstance(env, Params) else env.unwrapped.params
     if name == "random":
         return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
-    policy = LawPolicy(name, prior, **_LAWS[name])
+    effort_weight = None
+    if name == "hsc-tuned":
+        prior = load_damping().applied_to(prior)
+    elif name == "lqr":
+        prior, effort_weight = prior.with_overrides("suppression.B0=[0, 0, 0]"), load_weights().effort
+    policy = LawPolicy(name, make_law(prior, **_LAWS[name], effort_weight=effort_weight))
     _warn_of_unstable_sampling(policy, prior)
     return policy
 
 
-def make_law(prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> Law:
-    """Pack what the controller believes for the compiled loop."""
+def make_law(
+    prior: Params, *, active: bool, adaptive: bool, filtered: bool = False, effort_weight: float | None = None
+) -> Law:
+    """Pack what the controller believes for the compiled loop.
+
+    Args:
+        prior: what the controller believes of the robot.
+        active, adaptive, filtered: see :func:`suppression.make_suppression`.
+        effort_weight: see :func:`regulator.make_regulator`.
+    """
     model = pack(prior)
     actuators = pack_actuators(prior, model)
     p, _ = initial_positions(prior, model)
+    reference = circle_reference(prior, model, p)
     return Law(
         prior=model,
-        reference=circle_reference(prior, model, p),
+        reference=reference,
         held=held_joints(model),
         Kp=prior.control.Kp,
         Kd=prior.control.Kd,
         layout=layout(observation_fields(model, prior)),
         suppression=make_suppression(prior, active=active, adaptive=adaptive, filtered=filtered),
+        regulator=make_regulator(prior, model, reference, effort_weight),
         allocation=actuators.allocation,
         scale=actuators.limit,
     )

@@ -1,0 +1,152 @@
+"""An active optimum for the panels: linear-quadratic feedback about the quasi-static shape, sampled as the loop is.
+
+Not in the paper. Where virtual damping can only take energy out of a panel, this law pushes and pulls its tip as a
+linear-quadratic regulator of the clamped, one-element panel would, and tells what active control can gain at most.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, expm, solve_discrete_are
+
+from baselines.suppression import COORDINATES, damped_coordinates
+from sffr_gym._jit import kernel
+from sffr_gym.beam import N_TIP, Array, Beam, beam
+from sffr_gym.kinematics import rotation
+from sffr_gym.model import Model
+from sffr_gym.params import Params
+from sffr_gym.reference import Reference
+
+BENDING = slice(1, N_TIP)  # the tip's transverse displacement and slope, q5 and q6
+
+
+class Regulator(NamedTuple):
+    """State feedback of each panel's tip about its quasi-static motion; one law for all panels.
+
+    Attributes:
+        active: 1 if the law has one, 0 for the paper's laws.
+        gain: (3, 6) tip force for a unit deviation of the tip's coordinates and of their rates.
+        shape: (3,) tip of a panel at rest whose root accelerates across it by 1 m/s2.
+        across: (n_p, 2) direction across each undeformed panel, reference axes.
+        lever: (n_p,) component of each panel's root along it, from the reference's centre [m].
+    """
+
+    active: float
+    gain: Array
+    shape: Array
+    across: Array
+    lever: Array
+
+
+def make_regulator(prior: Params, model: Model, reference: Reference, effort_weight: float | None) -> Regulator:
+    """Design the regulator for what the controller believes.
+
+    Args:
+        prior: the controller's parameters.
+        model: the same as arrays.
+        reference: the formation that the task asks for.
+        effort_weight: price of a squared volt, as energy [J/V2]; None for a law without regulator.
+    """
+    turn = rotation(reference.yaw)
+    across = np.column_stack([-model.panel_axis[:, 1], model.panel_axis[:, 0]]) @ turn.T
+    root = np.array([reference.base_x, reference.base_y]) + model.panel_root @ turn.T
+    return Regulator(
+        active=float(effort_weight is not None),
+        gain=np.zeros((N_TIP, 2 * N_TIP)) if effort_weight is None else optimal_gain(prior, effort_weight),
+        shape=_quasi_static_shape(_one_element(prior)),
+        across=across,
+        lever=np.asarray((across * root).sum(axis=1)),
+    )
+
+
+def optimal_gain(prior: Params, effort_weight: float) -> Array:
+    """Gain (3, 6) that minimises the time integral of a panel's energy and of ``effort_weight`` times squared volts.
+
+    The state is the deviation ``x`` of q5 and q6 from the quasi-static shape and its rate, of the clamped panel
+    ``M xdd + D xd + K x = tau``, the force held over each control period; it costs its energy ``x' K x / 2 + xd' M xd /
+    2``. The forces are those of the coordinates that the paper's law would damp, q4 left out.
+
+    Args:
+        prior: panel, piezos and control period as the controller believes them.
+        effort_weight: [J/V2].
+
+    Raises:
+        ValueError: if the weight is not positive.
+    """
+    if not effort_weight > 0.0:
+        raise ValueError(f"effort_weight must be positive [J/V2], got {effort_weight}")
+    panel, period = _one_element(prior), prior.control.period
+    driven = [COORDINATES.index(name) for name in damped_coordinates(prior) if name != COORDINATES[0]]
+    gain = np.zeros((N_TIP, 2 * N_TIP))
+    if not driven:
+        return gain
+    M, K = panel.M_ff[BENDING, BENDING], panel.K[BENDING, BENDING]
+    A, G = sampled_panel(M, prior.panel.strain_rate_damping * K, K, period)
+    G = G[:, [k - BENDING.start for k in driven]]
+    piezo = prior.actuators.piezo
+    volts = piezo.voltage / np.array([piezo.force, piezo.force, piezo.moment])[driven]
+    Q, R = block_diag(K, M) / 2.0, effort_weight * np.diag(volts**2)
+    P = solve_discrete_are(A, G, Q, R)
+    feedback = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ A)
+    states = [1, 2, N_TIP + 1, N_TIP + 2]
+    gain[np.ix_(driven, states)] = feedback
+    return gain
+
+
+def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, Array]:
+    """Exact step of ``M xdd + D xd + K x = tau`` under a held force: ``[x, xd]' = A [x, xd] + G tau``.
+
+    Args:
+        M, D, K: (n, n) mass, damping and stiffness.
+        period: [s].
+
+    Returns:
+        ``A`` (2 n, 2 n) and ``G`` (2 n, n).
+    """
+    n = len(M)
+    rates = np.zeros((3 * n, 3 * n))  # of [x, xd, tau]
+    rates[:n, n : 2 * n] = np.eye(n)
+    rates[n : 2 * n] = np.linalg.solve(M, np.hstack([-K, -D, np.eye(n)]))
+    step = expm(period * rates)
+    return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
+
+
+@kernel(inline=True)
+def regulate(law, allocation, obs, elastic, reference, volts):
+    """Add the regulator's piezo voltages of all panels to ``volts`` (n_p n_c,).
+
+    law: a :class:`Regulator`; allocation: (n_p, n_c, 3) volts for a wanted tip force.
+    obs: the observation, whose tip displacements start at ``elastic``, the reference's velocity at ``reference``.
+
+    The path's acceleration turns with its velocity, as on a circle, which gives the rate of the quasi-static shape.
+    """
+    n_p, n_c, _ = allocation.shape
+    xd, yd, turn = obs[reference], obs[reference + 1], obs[reference + 2]
+    xdd, ydd = obs[reference + 3], obs[reference + 4]
+    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
+    for i in range(n_p):
+        nx, ny = law.across[i, 0], law.across[i, 1]
+        push = nx * xdd + ny * ydd - turn * turn * law.lever[i]  # acceleration of the root across the panel
+        push_rate = spin * (ny * xdd - nx * ydd)
+        q, qd = elastic + N_TIP * i, elastic + N_TIP * (n_p + i)
+        for k in range(N_TIP):
+            tau = 0.0
+            for j in range(N_TIP):
+                tau -= law.gain[k, j] * (obs[q + j] - law.shape[j] * push)
+                tau -= law.gain[k, N_TIP + j] * (obs[qd + j] - law.shape[j] * push_rate)
+            for c in range(n_c):
+                volts[i * n_c + c] += allocation[i, c, k] * tau
+
+
+def _one_element(prior: Params) -> Beam:
+    """The paper's panel of one element, whose coordinates are the tip's."""
+    panel = prior.panel
+    return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, elements=1)
+
+
+def _quasi_static_shape(panel: Beam) -> Array:
+    """Tip (3,) under the inertia of a transverse acceleration of 1 m/s2: ``-K^-1 m_fr``."""
+    shape: Array = -np.linalg.solve(panel.K, panel.S_y)
+    return shape
