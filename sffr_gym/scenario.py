@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+from collections.abc import Iterable
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -135,3 +138,23 @@ def _offset(
     if model.object_mass > 0:
         p[carried] += np.append(shift, angle)
         match_velocities(model, p, v)
+
+
+def scenario_names() -> list[str]:
+    """Names of the shipped scenarios."""
+    return sorted(file.stem for file in (config.config_dir() / "scenarios").glob("*.yaml"))
+
+
+def suite_hash(scenarios: Iterable[Scenario], params: Params) -> str:
+    """First 16 hexadecimal digits of the SHA-256 of a suite's values: task, scenarios in any order, parameters.
+
+    Comments, the order of keys and the descriptions are no part of it.
+    """
+    values = {
+        "scenarios": sorted(
+            json.dumps(scenario.model_dump(mode="json", exclude={"description"}), sort_keys=True)
+            for scenario in scenarios
+        ),
+        "params": params.to_dict(),
+    }
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
