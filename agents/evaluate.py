@@ -1,13 +1,13 @@
-"""Evaluation of policies on the episodes of a scenario, their scores relative to AHSC, and the table of both."""
+"""Evaluation of policies on the episodes of a scenario, and the table of their measures and scores."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import floor, inf, isfinite, log10, nan
+from math import floor, inf, isfinite, log10
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from agents.score import REFERENCE, WEIGHTS, Result, costs, ratios
 from baselines import make_policy
 from baselines.policies import Policy, left_out
 from baselines.rollout import Trajectory, rollout
@@ -25,9 +26,6 @@ from sffr_gym.scenario import Scenario, load_scenario
 
 EVALUATION_SEED = 1_000_000  # seeds from here up are for evaluation alone
 EPISODES = 10  # default of a scenario that draws something
-REFERENCE = "ahsc"
-WEIGHTS = {"vibration": 0.60, "track_rmse": 0.35, "piezo_effort": 0.05}  # of the cost
-FAILED = 10.0  # a failed episode counts as this many times the reference's
 
 # Columns of the table: measure, heading, and whether a terminal of less than WIDE columns shows it.
 COLUMNS = (
@@ -44,17 +42,6 @@ PREFIXES = {"m", "rad", "J", "N", "N m"}  # units that take an SI prefix
 SMALL = {0: "", -1: "m", -2: "µ", -3: "n", -4: "p"}
 
 Report = Callable[[str, int, int], Any]  # policy, control periods done and in all
-
-
-@dataclass(frozen=True)
-class Result:
-    """One episode of a policy: its seed, the values of ``metrics.MEASURES``, why it failed, what the scenario drew."""
-
-    policy: str
-    seed: int
-    measures: dict[str, float]
-    failure: str
-    drawn: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -138,41 +125,18 @@ def evaluate(
             progress(policy.name, begun, total)
             trajectory = rollout(env, policy, seed + i, _counter(progress, policy.name, begun, total))
             first.setdefault(policy.name, trajectory)
-            measures = measure(trajectory.signals, trajectory.period, trajectory.failure)
-            result = Result(policy.name, seed + i, measures, trajectory.failure, trajectory.drawn)
-            results[policy.name].append(result)
+            results[policy.name].append(result_of(trajectory))
     progress(runners[-1].name, total, total)
     elapsed = time.perf_counter() - clock
     return Evaluation(chosen, resolved, episodes, seed, results, first, started, elapsed)
 
 
-def ratios(results: Mapping[str, Sequence[Result]], name: str, reference: str) -> dict[str, float]:
-    """Mean of a measure over the episodes, relative to that of a reference policy on the same episodes.
-
-    A failed episode counts as ten times what the reference has there; where the reference itself failed, its mean over
-    the episodes that it finished stands in. NaN if it finished none.
-    """
-    finished = [result.measures[name] for result in results[reference] if not result.failure]
-    if not finished:
-        return dict.fromkeys(results, nan)
-    usual = float(np.mean(finished))
-    base = [usual if result.failure else result.measures[name] for result in results[reference]]
-    means = {
-        policy: float(np.mean([FAILED * b if r.failure else r.measures[name] for r, b in zip(own, base, strict=True)]))
-        for policy, own in results.items()
-    }
-    return {policy: _ratio(mean, means[reference]) for policy, mean in means.items()}
-
-
-def costs(results: Mapping[str, Sequence[Result]]) -> dict[str, float]:
-    """Score of each policy, ``0.60 V/V_ahsc + 0.35 E/E_ahsc + 0.05 U/U_ahsc``; lower is better, NaN without AHSC.
-
-    V is the vibration, E the tracking error, U the piezo effort; failed episodes as in :func:`ratios`.
-    """
-    if REFERENCE not in results:
-        return dict.fromkeys(results, nan)
-    terms = {name: ratios(results, name, REFERENCE) for name in WEIGHTS}
-    return {policy: sum(weight * terms[name][policy] for name, weight in WEIGHTS.items()) for policy in results}
+def result_of(trajectory: Trajectory) -> Result:
+    """Measure an episode."""
+    measures = measure(trajectory.signals, trajectory.period, trajectory.failure)
+    return Result(
+        trajectory.scenario, trajectory.policy, trajectory.seed, measures, trajectory.failure, trajectory.drawn
+    )
 
 
 def table(evaluation: Evaluation, width: int = 100) -> Table:
@@ -265,11 +229,6 @@ def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from None
-
-
-def _ratio(value: float, reference: float) -> float:
-    """The ratio of two measures that are never negative; 1 if both vanish."""
-    return value / reference if reference > 0.0 else (1.0 if value == 0.0 else inf)
 
 
 def _unit(unit: str, largest: float) -> tuple[str, float]:

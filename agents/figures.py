@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluate import REFERENCE, Evaluation
+from agents.evaluate import Evaluation
 from agents.robot_figure import path_figure, tip_deflections
 from agents.run_folder import FIGURES, write_whole
+from agents.score import REFERENCE
 from baselines.rollout import Trajectory
 from baselines.suppression import COORDINATES
 from sffr_gym.actuators import pack_actuators

@@ -10,6 +10,7 @@ import platform
 import shlex
 import subprocess
 from collections.abc import Sequence
+from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
@@ -17,11 +18,13 @@ from typing import Any
 
 import sffr_gym
 from agents.evaluate import Evaluation
+from agents.score import Result
 from sffr_gym import ConfigError
 from sffr_gym.metrics import MEASURES
 
 SUMMARY, EPISODES, MANIFEST = "summary.json", "episodes.csv", "manifest.json"
 FIGURES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
+KEYS = ("scenario", "policy", "seed")  # of an episode
 PACKAGES = ("numpy", "numba", "gymnasium", "scipy", "sffr-gym")
 
 
@@ -57,42 +60,65 @@ def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> l
     for stale in SUMMARY, *FIGURES:  # of a run that is replaced
         (folder / stale).unlink(missing_ok=True)
     texts = {
-        EPISODES: episodes_csv(evaluation),
+        EPISODES: episodes_csv([result for results in evaluation.results.values() for result in results]),
         MANIFEST: to_json(manifest(evaluation, command)),
         SUMMARY: to_json(evaluation.summary()),
     }
     return [write_whole(folder / name, text.encode()) for name, text in texts.items()]
 
 
-def episodes_csv(evaluation: Evaluation) -> str:
-    """One row for each episode: policy, seed, every measure, failure, and what the scenario drew."""
-    rows = [result for results in evaluation.results.values() for result in results]
+def episodes_csv(rows: Sequence[Result]) -> str:
+    """One row for each episode: scenario, policy, seed, every measure, failure, and what the scenario drew."""
     drawn = list(dict.fromkeys(name for row in rows for name in row.drawn))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["policy", "seed", *MEASURES, "failure", *drawn])
+    writer.writerow([*KEYS, *MEASURES, "failure", *drawn])
     for row in rows:
         values = [value if isfinite(value := row.measures[name]) else "" for name in MEASURES]
-        writer.writerow([row.policy, row.seed, *values, row.failure, *(row.drawn.get(name, "") for name in drawn)])
+        draws = (row.drawn.get(name, "") for name in drawn)
+        writer.writerow([row.scenario, row.policy, row.seed, *values, row.failure, *draws])
     return text.getvalue()
+
+
+def read_episodes(folder: Path) -> list[Result]:
+    """The episodes of a finished run.
+
+    Raises:
+        ConfigError: if the folder holds none, or its file is not one of ours.
+    """
+    file = folder / EPISODES
+    if not file.is_file():
+        raise ConfigError(f"{folder}: holds no finished run ({EPISODES} is missing)")
+    with file.open(newline="", encoding="utf-8") as text:
+        rows = list(csv.DictReader(text))
+    missing = [name for name in (*KEYS, *MEASURES, "failure") if rows and name not in rows[0]]
+    if missing or not rows:
+        raise ConfigError(f"{file}: {f'has no column {missing[0]!r}' if missing else 'holds no episode'}")
+    return [_read_row(row) for row in rows]
 
 
 def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
     """Everything that it takes to repeat a run: versions, code, configuration, seeds, command."""
-    return {
-        "command": shlex.join(command),
-        "started": evaluation.started.isoformat(timespec="seconds"),
-        "duration_s": evaluation.elapsed,
-        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES},
-        "platform": platform.platform(),
-        "machine": platform.machine(),
-        "cpus": os.cpu_count(),
-        "git": git_state(Path(sffr_gym.__file__).parent),
+    return origin(command, evaluation.started, evaluation.elapsed) | {
         "policies": list(evaluation.results),
         "seeds": [evaluation.seed + i for i in range(evaluation.episodes)],
         "scenario": evaluation.scenario.model_dump(mode="json"),
         "config_hash": evaluation.params.hash(),
         "config": evaluation.params.to_dict(),
+    }
+
+
+def origin(command: Sequence[str], started: datetime, elapsed: float) -> dict[str, Any]:
+    """Where a result comes from: command, time, versions, machine, code."""
+    return {
+        "command": shlex.join(command),
+        "started": started.isoformat(timespec="seconds"),
+        "duration_s": elapsed,
+        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES},
+        "platform": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "git": git_state(Path(sffr_gym.__file__).parent),
     }
 
 
@@ -132,6 +158,14 @@ def write_whole(path: Path, content: bytes) -> Path:
     finally:
         part.unlink(missing_ok=True)
     return path
+
+
+def _read_row(row: dict[str, str]) -> Result:
+    """One row of the episodes' file; a measure that was not finite is NaN."""
+    known = {*KEYS, *MEASURES, "failure"}
+    measures = {name: float(row[name] or "nan") for name in MEASURES}
+    drawn = {name: float(value) for name, value in row.items() if name not in known and value}
+    return Result(row["scenario"], row["policy"], int(row["seed"]), measures, row["failure"], drawn)
 
 
 def _plain(value: Any) -> Any:

@@ -196,7 +196,9 @@ def make_law(
 
     Args:
         prior: what the controller believes of the robot.
-        active, adaptive, filtered: see :func:`suppression.make_suppression`.
+        active: see :func:`suppression.make_suppression`, as the next two.
+        adaptive: of the virtual damping.
+        filtered: output of the adaptation.
         effort_weight: see :func:`regulator.make_regulator`.
     """
     model = pack(prior)

@@ -99,7 +99,9 @@ def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, A
     """Exact step of ``M xdd + D xd + K x = tau`` under a held force: ``[x, xd]' = A [x, xd] + G tau``.
 
     Args:
-        M, D, K: (n, n) mass, damping and stiffness.
+        M: (n, n) mass.
+        D: (n, n) damping.
+        K: (n, n) stiffness.
         period: [s].
 
     Returns:

@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 from agents import run_folder
-from agents.evaluate import COLUMNS, Evaluation, Result, costs, evaluate, number, ratios, remarks, table
-from agents.run_folder import check_folder, git_state, to_json, write_run, write_whole
+from agents.evaluate import COLUMNS, Evaluation, evaluate, number, remarks, table
+from agents.run_folder import check_folder, git_state, read_episodes, to_json, write_run, write_whole
+from agents.score import Result, costs, ratios
 from baselines import make_policy
 from baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
@@ -55,7 +56,7 @@ def results(policy, *episodes):
     for i, values in enumerate(episodes):
         v, e, u = values or (1e-9, 1e-9, 1e-9)
         measures = {"vibration": v, "track_rmse": e, "piezo_effort": u}
-        made.append(Result(policy, i, measures, "" if values else "lost grasp", {}))
+        made.append(Result("made-up", policy, i, measures, "" if values else "lost grasp", {}))
     return made
 
 
@@ -229,7 +230,8 @@ def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
         result = evaluation.results[row["policy"]][int(row["seed"]) - SEED]
         assert {name: float(row[name]) for name in MEASURES} == result.measures
         assert {name: float(row[name]) for name in result.drawn} == result.drawn
-        assert row["failure"] == ""
+        assert row["failure"] == "" and row["scenario"] == "short"
+    assert read_episodes(tmp_path / "new" / "run") == [r for p in POLICIES for r in evaluation.results[p]]
 
     manifest = json.loads(files[1].read_text())
     assert manifest["command"] == "sffr evaluate none --set 'panel.EI=2 5'"
@@ -243,7 +245,9 @@ def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
 
 
 def test_failures_are_in_the_episodes_file(failing):
-    rows = list(csv.DictReader(run_folder.episodes_csv(failing).splitlines()))
+    rows = list(
+        csv.DictReader(run_folder.episodes_csv([*failing.results["hsc"], *failing.results["random"]]).splitlines())
+    )
     assert [row["failure"] for row in rows] == [
         result.failure for policy in ("hsc", "random") for result in failing.results[policy]
     ]
