@@ -149,7 +149,7 @@ POLICIES = {
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
 }
-ORACLES = {"hsc-oracle": "hsc", "ahsc-oracle": "ahsc"}  # the same laws with the right model
+ORACLES = {"hsc": "hsc-oracle", "ahsc": "ahsc-oracle"}  # the same laws with the right model
 _LAWS = {
     "none": {"active": False, "adaptive": False},
     "hsc": {"active": True, "adaptive": False},
@@ -181,8 +181,8 @@ def make_policy(name: str, env: Any) -> Policy:
         prior = load_damping().applied_to(prior)
     elif name == "lqr":
         prior, effort_weight = prior.with_overrides("suppression.B0=[0, 0, 0]"), load_weights().effort
-    if name in ORACLES:
-        policy: LawPolicy = OraclePolicy(name, ORACLES[name], prior)
+    if name in ORACLES.values():
+        policy: LawPolicy = OraclePolicy(name, name.removesuffix("-oracle"), prior)
     else:
         policy = LawPolicy(name, make_law(prior, **_LAWS[name], effort_weight=effort_weight))
     _warn_of_unstable_sampling(policy, prior)

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sffr_gym.actuators import Actuators
 from sffr_gym.beam import N_TIP, Array
+from sffr_gym.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.initial import initial_positions, match_velocities
 from sffr_gym.kinematics import perpendicular, rotation
-from sffr_gym.model import N_BASE, IntArray, Model, mode_slice, object_slice, pack
+from sffr_gym.model import N_BASE, Model, mode_slice, object_slice, pack
 from sffr_gym.observation import Field, observation_fields
 from sffr_gym.params import ConfigError, Params
 from sffr_gym.reference import Reference, circle_reference
@@ -23,7 +25,6 @@ from sffr_gym.scenario import ImpulseDraws, PlantFactors, Scenario, Sensors
 from sffr_gym.sections import Arm, Panel
 
 Drawn = dict[str, float]
-KEYS = 2**32  # different keys of the noise
 _KINDS = {"m": "position", "rad": "angle", "m/s": "velocity", "rad/s": "rate"}  # key of Sensors by unit
 
 
@@ -34,31 +35,11 @@ class Health(NamedTuple):
     thruster: float
     joint: float
 
-
-class Impulses(NamedTuple):
-    """Blows on the base.
-
-    Attributes:
-        tick: (k,) control periods, counted from 0, over which the base is hit.
-        impulse: (k, 3) time integrals of force and moment along the base axes [N s, N s, N m s].
-    """
-
-    tick: IntArray
-    impulse: Array
-
-
-class Sensing(NamedTuple):
-    """How the observation differs from the truth.
-
-    Attributes:
-        level: (n_o,) standard deviation of the noise on each number of the observation.
-        key: of the noise's random numbers.
-        delay: control periods by which what is measured lags behind.
-    """
-
-    level: Array
-    key: int
-    delay: int
+    def left(self, actuators: Actuators) -> Array:
+        """The part (n_u,) of each actuator's limit that is left, laid out as a command is."""
+        n_p, _, n_c = actuators.K_PZ.shape
+        n_joints = len(actuators.limit) - n_p * n_c - N_BASE
+        return np.concatenate([np.repeat(self.piezo, n_c), [self.thruster] * N_BASE, [self.joint] * n_joints])
 
 
 class Episode(NamedTuple):
@@ -274,6 +255,6 @@ def _draw_sensing(sensors: Sensors, fields: dict[str, Field], rng: np.random.Gen
         delay = int(rng.uniform() < sensors.delay)
         drawn["delay_periods"] = float(delay)
     if level.any():
-        key = int(rng.integers(KEYS))
+        key = int(rng.integers(1, KEYS))
         drawn["noise_key"] = float(key)
     return Sensing(level, key, delay)
