@@ -73,8 +73,20 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     (bending energy about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control
     period.
 
+    ## Info
+    The same keys with the same types at every reset and step: each measure of ``task.SIGNALS`` (of the true state; the
+    saturated fractions of piezos, thrusters and joints among them), ``reward_<name>``, ``time`` [s], ``clipped``,
+    ``failure``, ``applied`` (the command after the limits), ``drawn`` (what the scenario drew, by name with unit) and
+    ``cost``, for safe reinforcement learning: 1 in a period in which an actuator is at its limit or that ends the
+    episode in a failure, else 0.
+
     ## Starting state
-    Drawn from the scenario: ``nominal`` is Table IV, ``excited`` has swinging panels, ``offset`` starts off the path.
+    Drawn from the scenario, as is what happens afterwards: ``nominal`` is Table IV, ``excited`` has swinging panels,
+    ``offset`` starts off the path, ``fast`` draws the path's speed; in ``payload`` and ``mismatch`` the plant is not
+    the robot of ``params``, which is all that controllers know; ``degraded`` has a fault, ``impulse`` hits the base.
+    In ``noise``, and with a scenario of your own, what is measured is noisy and may lag a control period behind: the
+    robot of a period ago is compared with what is desired now. Noise reaches the observation alone; reward, measures
+    and the episode's end know the truth. The reference's motion is known, not measured.
 
     ## Episode end
     Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
@@ -83,7 +95,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
     - ``scenario``: a shipped scenario's name or the path of a YAML file.
-    - ``params``: a ``Params`` object, a path, or None for the case study.
+    - ``params``: a ``Params`` object, a path, or None for the case study; the robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
     - ``render_mode``: None.
 
