@@ -146,18 +146,18 @@ def _base_inertia(model, p, v, tau, work, held):
         condensed = panel.condense(model, i, p, v, tau, start + i * n_m, v[2], work)
         root = work.root[i]
         root[0], root[1], root[2], root[3], root[4], root[5], root[6], root[7] = condensed
-        if held:
-            continue
-        Mx, My, hx, hy, J, qx, qy, torque = condensed
+    if held:
+        cb, sb, fx, fy = work.heading[0], work.heading[1], work.held[0], work.held[1]
+        return H, (bias[0] - cb * fx - sb * fy, bias[1] + sb * fx - cb * fy, bias[2] - work.held[2])
+    for i in range(model.omega2.shape[0]):
+        root = work.root[i]
+        Mx, My, hx, hy, J, qx, qy, torque = root[0], root[1], root[2], root[3], root[4], root[5], root[6], root[7]
         c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
         inertia = (
             c * c * Mx + s * s * My, c * s * (Mx - My), c * hx - s * hy, s * s * Mx + c * c * My, s * hx + c * hy, J
         )  # fmt: skip
         load = (c * qx - s * qy, s * qx + c * qy, torque)
         H, bias = _attach(H, bias, model.panel_root[i, 0], model.panel_root[i, 1], w2, inertia, load)
-    if held:
-        cb, sb, fx, fy = work.heading[0], work.heading[1], work.held[0], work.held[1]
-        bias = (bias[0] - cb * fx - sb * fy, bias[1] + sb * fx - cb * fy, bias[2] - work.held[2])
     return H, bias
 
 
