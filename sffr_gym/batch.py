@@ -12,6 +12,7 @@ import numpy as np
 
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
+from sffr_gym.fleet import Fleet, robot_at
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import Episode
@@ -62,29 +63,30 @@ def make_batch(robot: Robot, n: int) -> Batch:
     )  # fmt: skip
 
 
-def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
+def start_episode(fleet: Fleet, batch: Batch, i: int, episode: Episode) -> None:
     """Put environment ``i`` at the start of an episode, observed and measured."""
     for array in batch:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
     batch.reference[i], batch.joints[i] = episode.reference[:-1], episode.reference.joints
-    view_one(robot, batch, i)
+    view_one(fleet, batch, i)
 
 
 @kernel(allocates=True)
-def view_one(robot, batch, i):
+def view_one(fleet, batch, i):
     """Observe and measure environment ``i`` at its present time, without a step."""
+    robot = robot_at(fleet, i, np.zeros(2, dtype=np.int64))
     view(
         robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], make_buffers(robot),
         batch.obs[i], batch.signals[i],
     )  # fmt: skip
 
 
-def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:
+def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -> None:
     """Advance the active environments of a batch by one control period, on as many threads as pay.
 
     Args:
-        robot: the plant.
+        fleet: their plants.
         batch: the environments, advanced in place.
         actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
         active: (n,) False leaves an environment as it is.
@@ -92,34 +94,40 @@ def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -
     n = len(batch.tick)
     chunks = min(THREADS, n // SMALLEST_CHUNK)
     if chunks < 2:
-        step_range(robot, batch, actions, active, 0, n)
+        step_range(fleet, batch, actions, active, 0, n)
         return
     ends = [n * chunk // chunks for chunk in range(chunks + 1)]
-    jobs = [_pool().submit(step_range, robot, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    jobs = [_pool().submit(step_range, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
     for job in jobs:
         job.result()
 
 
 @kernel(allocates=True, nogil=True)
-def step_range(robot, batch, actions, active, first, last):
+def step_range(fleet, batch, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period."""
-    buffers = make_buffers(robot)
-    command = np.zeros(len(robot.actuators.limit))
+    cursor = np.zeros(2, dtype=np.int64)
+    buffers = make_buffers(robot_at(fleet, first, cursor))
+    command = np.zeros(actions.shape[1])
     for i in range(first, last):
-        if not active[i]:
-            continue
-        batch.clipped[i] = 0
-        for k in range(len(command)):
-            action = min(max(actions[i, k], -1.0), 1.0)
-            batch.clipped[i] += action != actions[i, k]
-            command[k] = action * robot.scale[k]
-        batch.tick[i] += 1
-        batch.status[i] = control_period(
-            robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
-            batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
-        )  # fmt: skip
-        assign(batch.applied[i], buffers.applied)
-        batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
+        if active[i]:
+            _step_one(robot_at(fleet, i, cursor), batch, i, actions[i], buffers, command)
+
+
+@kernel
+def _step_one(robot, batch, i, action, buffers, command):
+    """Advance environment ``i`` by one control period."""
+    batch.clipped[i] = 0
+    for k in range(len(command)):
+        within = min(max(action[k], -1.0), 1.0)
+        batch.clipped[i] += within != action[k]
+        command[k] = within * robot.scale[k]
+    batch.tick[i] += 1
+    batch.status[i] = control_period(
+        robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
+        batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+    )  # fmt: skip
+    assign(batch.applied[i], buffers.applied)
+    batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
 
 
 @functools.cache

@@ -12,6 +12,7 @@ import numpy as np
 
 from sffr_gym.batch import make_batch, start_episode, step_batch, view_one
 from sffr_gym.beam import Array
+from sffr_gym.fleet import make_fleet
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.scenario import draw, load_scenario
@@ -114,7 +115,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.robot = make_robot(self.params)
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
-        self._batch = make_batch(self.robot, 1)
+        self._fleet, self._batch = make_fleet(self.robot, 1), make_batch(self.robot, 1)
         self._drawn: dict[str, float] = {}
         self._ticks = 0
 
@@ -132,7 +133,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         episode = draw(self.scenario, self.params, self.robot.model, self.np_random)
         self.reference, self._drawn = episode.reference, episode.drawn
         self._ticks = self.scenario.ticks(self.params)
-        start_episode(self.robot, self._batch, 0, episode)
+        start_episode(self._fleet, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -146,7 +147,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("call reset before step")
         action = check_action(action, self.robot.scale.shape)
         batch = self._batch
-        step_batch(self.robot, batch, action[None], _ONE)
+        step_batch(self._fleet, batch, action[None], _ONE)
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= self._ticks)
         return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
@@ -181,7 +182,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._batch, self.np_random, self._ticks = state["batch"], state["rng"], state["ticks"]
         self.scenario, self.reference, self._drawn = state["scenario"], state["reference"], state["drawn"]
         signals = self._batch.signals.copy()  # those of the last step, its command included
-        view_one(self.robot, self._batch, 0)
+        view_one(self._fleet, self._batch, 0)
         self._batch.signals[:] = signals
         np.clip(self._batch.obs, -self.robot.bound, self.robot.bound, out=self._batch.obs)
 
