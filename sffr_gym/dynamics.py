@@ -22,7 +22,7 @@ from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
 from sffr_gym.grasp import couple_object, solve_object
 from sffr_gym.linalg import symmetric_inverse, times
-from sffr_gym.model import N_BASE
+from sffr_gym.model import N_BASE, is_staggered
 
 
 class Work(NamedTuple):
@@ -89,7 +89,7 @@ def stiff_response(model, v, panel_index, mode, work, out):
     Source: a column of the inverse of the condensed mass matrix; under the staggered coupling the mode answers alone.
     """
     at = N_BASE + len(model.link_mass) + panel_index * model.omega2.shape[1] + mode
-    if model.staggered:
+    if is_staggered(model):
         out[:] = 0.0
         out[at] = 1.0
         return

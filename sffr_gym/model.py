@@ -79,12 +79,18 @@ class Model(NamedTuple):
     object_inertia: float
     grasp_arm: IntArray  # (n_g,) index of the arm that holds each grasp point
     grasp_point: Array  # (n_g, 2) [m] object frame
-    staggered: bool  # whether Q_flex is held over a step (Fig. 1)
+    staggered: tuple[bool, ...]  # (True,): Q_flex is held over a step (Fig. 1), else (); see is_staggered
     baumgarte: float  # decay rate of constraint errors [1/s]
     longest_step: float  # [s] of the integrator
     stiff: IntArray  # (n_s, 3) panel, mode and index in p of each stiff mode
     stiff_omega: Array  # (n_s,) [rad/s]
     eta: float  # strain-rate damping [s]
+
+
+@kernel(inline=True)
+def is_staggered(model):
+    """Whether Q_flex is held over a step; known from the model's type, so that the exact coupling is compiled alone."""
+    return len(model.staggered) > 0
 
 
 @kernel
@@ -149,7 +155,7 @@ def pack(params: Params) -> Model:
         object_inertia=params.object.inertia if params.object else 0.0,
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
         grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
-        staggered=params.simulation.coupling == "staggered",
+        staggered=(True,) if params.simulation.coupling == "staggered" else (),
         baumgarte=params.simulation.baumgarte,
         longest_step=longest_step,
         stiff=np.array(stiff, dtype=np.int64).reshape(-1, 3),
