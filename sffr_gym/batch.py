@@ -106,28 +106,26 @@ def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -
 def step_range(fleet, batch, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period."""
     cursor = np.zeros(2, dtype=np.int64)
-    buffers = make_buffers(robot_at(fleet, first, cursor))
+    robot = robot_at(fleet, first, cursor)
+    buffers = make_buffers(robot)
     command = np.zeros(actions.shape[1])
     for i in range(first, last):
-        if active[i]:
-            _step_one(robot_at(fleet, i, cursor), batch, i, actions[i], buffers, command)
-
-
-@kernel
-def _step_one(robot, batch, i, action, buffers, command):
-    """Advance environment ``i`` by one control period."""
-    batch.clipped[i] = 0
-    for k in range(len(command)):
-        within = min(max(action[k], -1.0), 1.0)
-        batch.clipped[i] += within != action[k]
-        command[k] = within * robot.scale[k]
-    batch.tick[i] += 1
-    batch.status[i] = control_period(
-        robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
-        batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
-    )  # fmt: skip
-    assign(batch.applied[i], buffers.applied)
-    batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
+        if not active[i]:
+            continue
+        if len(fleet.numbers) > 1:  # looking at another robot takes a tenth of a period
+            robot = robot_at(fleet, i, cursor)
+        batch.clipped[i] = 0
+        for k in range(len(command)):
+            action = min(max(actions[i, k], -1.0), 1.0)
+            batch.clipped[i] += action != actions[i, k]
+            command[k] = action * robot.scale[k]
+        batch.tick[i] += 1
+        batch.status[i] = control_period(
+            robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
+            batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+        )  # fmt: skip
+        assign(batch.applied[i], buffers.applied)
+        batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
 
 
 @functools.cache

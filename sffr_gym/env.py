@@ -115,7 +115,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.robot = make_robot(self.params)
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
-        self._fleet, self._batch = make_fleet(self.robot, 1), make_batch(self.robot, 1)
+        self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, 1)
         self._drawn: dict[str, float] = {}
         self._ticks = 0
 

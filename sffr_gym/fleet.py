@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import config
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
@@ -24,12 +25,14 @@ class Fleet(NamedTuple):
     """Robots of one structure: as many links, modes and channels, coupled alike; their numbers differ.
 
     Attributes:
-        numbers: (n, ...) floats of each robot.
+        numbers: (n, ...) floats of each robot, or a single row if all are alike.
         integers: what they share: sizes, then indices and switches.
+        staggered: the coupling; see ``model.Model``.
     """
 
     numbers: Array
     integers: IntArray
+    staggered: tuple[bool, ...]
 
 
 class Reader(NamedTuple):
@@ -39,10 +42,10 @@ class Reader(NamedTuple):
     at: IntArray  # (1,)
 
 
-def make_fleet(robot: Robot, n: int) -> Fleet:
-    """``n`` robots that are all alike."""
+def make_fleet(robot: Robot, n: int = 1) -> Fleet:
+    """``n`` rows that begin alike and may be replaced, or one row for any number of robots that stay alike."""
     numbers, integers = _flatten(robot)
-    return Fleet(np.tile(numbers, (n, 1)), integers)
+    return Fleet(np.tile(numbers, (n, 1)), integers, robot.model.staggered)
 
 
 def put_robot(fleet: Fleet, i: int, robot: Robot) -> None:
@@ -52,7 +55,7 @@ def put_robot(fleet: Fleet, i: int, robot: Robot) -> None:
         ValueError: for a robot of another structure.
     """
     numbers, integers = _flatten(robot)
-    if not np.array_equal(integers, fleet.integers):
+    if not np.array_equal(integers, fleet.integers) or robot.model.staggered != fleet.staggered:
         raise ValueError(
             "the robots of a batch must have as many links, kept modes, stiff modes, channels and steps in a control "
             "period each; draw parameters that change none of them, or simulate these robots one by one"
@@ -94,7 +97,7 @@ def robot_at(fleet, i, cursor):
         object_inertia=_next(x),
         grasp_arm=_vector(k, n_g),
         grasp_point=_matrix(x, n_g, 2),
-        staggered=_next(k) != 0,
+        staggered=fleet.staggered,
         baumgarte=_next(x),
         longest_step=_next(x),
         stiff=_matrix(k, n_s, 3),
@@ -132,7 +135,7 @@ def _flatten(robot: Robot) -> tuple[Array, IntArray]:
         len(model.arm_mount), len(model.link_mass), n_p, n_m, n_f, robot.actuators.gain.shape[1],
         len(model.grasp_arm), len(model.stiff), len(robot.held), len(robot.bound), model.n_axial,
     )  # fmt: skip
-    leaves = [np.ravel(leaf) for leaf in _leaves(robot)]
+    leaves = [np.ravel(leaf) for leaf in _leaves(robot._replace(model=model._replace(staggered=())))]
     numbers = [leaf for leaf in leaves if leaf.dtype.kind == "f"]
     integers = [leaf for leaf in leaves if leaf.dtype.kind != "f"]
     return np.concatenate(numbers), np.concatenate([sizes, *integers]).astype(np.int64)
@@ -180,7 +183,8 @@ def _borrow(typingctx: Any, data: Any, at: Any, shape: Any) -> Any:
         source = make_array(data)(context, builder, arguments[0])
         dims = cgutils.unpack_tuple(builder, arguments[2])
         size = context.get_abi_sizeof(context.get_data_type(data.dtype))
-        strides, step = [], context.get_constant(types.intp, size)
+        strides: list[Any] = []
+        step = context.get_constant(types.intp, size)
         for dim in reversed(dims):
             strides.insert(0, step)
             step = builder.mul(step, dim)
@@ -192,3 +196,9 @@ def _borrow(typingctx: Any, data: Any, at: Any, shape: Any) -> Any:
         return array._getvalue()
 
     return result(data, at, shape), codegen
+
+
+if config.DISABLE_JIT:
+
+    def _borrow(data: Any, at: Any, shape: Any) -> Any:
+        return data[at : at + int(np.prod(shape))].reshape(shape)

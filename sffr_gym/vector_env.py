@@ -75,7 +75,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._max_steps = max_episode_steps
-        self._fleet, self._batch = make_fleet(self.robot, num_envs), make_batch(self.robot, num_envs)
+        self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, num_envs)
         self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
         self._drawn: dict[str, tuple[Array, Mask]] = {}  # values, and which environments drew one
         self._ticks = np.zeros(num_envs, dtype=np.int64)
