@@ -16,7 +16,6 @@ from sffr_gym.model import N_BASE, Model, tip_rows
 from sffr_gym.params import Params
 from sffr_gym.piezo import channels
 
-
 LEAST_REACH = 1.0e-9  # of an array's largest reach; it is not asked for tip forces that it reaches less
 
 
