@@ -69,7 +69,7 @@ def growth() -> Check:
     listed = ", ".join(f"{a:.4g}/s at {1e3 * step:g} ms" for a, step in zip(found, UNSTABLE, strict=True))
     return judge(
         "Staggered coupling, growth with long steps", "spectral radius of the linear map of a step", worst, 1.0e-3, "",
-        f"A base with panels: {listed}, the simulator's own step differentiated at rest. It takes shorter ones.",
+        f"Base and panels alone, the compiled step differentiated at rest: {listed}. The simulator takes shorter ones.",
     )  # fmt: skip
 
 
