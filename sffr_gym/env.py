@@ -48,6 +48,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     | 9-12 | joints of arm 1 and arm 2 | 7 N m |
     | 13, 14 | antenna and camera joint | 7 N m |
 
+    That is for the ``generalized`` piezo array; ``patches`` has 8 channels for each panel and ``tip`` has 2, of every
+    pair the upper face first.
+
     ## Observation space
     ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are
     desired minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:

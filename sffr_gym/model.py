@@ -183,7 +183,7 @@ def _longest_step(params: Params, shape: Beam, modes: Modes) -> float:
             warnings.warn(
                 f"simulation.max_step = {params.simulation.max_step:g} s is too long for simulation.coupling = "
                 f"staggered, with which these panels swing up; steps of at most {longest:.3g} s are taken",
-                stacklevel=3,
+                stacklevel=2,  # one place, so that it is shown once
             )
     if params.simulation.integrator == "rk4":
         return min(longest, RK4_TURN / omega.max(initial=RK4_TURN / longest))

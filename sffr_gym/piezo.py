@@ -1,10 +1,10 @@
 """Piezo arrays of a panel: what each channel pushes, from the geometry of the patches (Eqs. 14 and 15).
 
 ``generalized`` has a channel for each elastic coordinate of the tip, as the paper's law needs. ``patches`` (near the
-root) and ``tip`` (where the paper puts them) are pairs of patches bonded to both faces, a channel for each face. A patch
-under voltage pushes the two sections at its ends apart with a force F along its face. That face lies at ``y``, plus or
-minus half the panel's thickness, and stretches by ``u' - y w''`` per unit length; the work on it gives a force on the
-elastic coordinates of ``F ([U] - y [W'])``, the brackets being differences between the patch's two ends.
+root) and ``tip`` (where the paper puts them) are pairs of patches bonded to both faces, a channel for each face. A
+patch under voltage pushes the two sections at its ends apart with a force F along its face. That face lies at ``y``,
+plus or minus half the panel's thickness, and stretches by ``u' - y w''`` per unit length; the work on it gives a force
+on the elastic coordinates of ``F ([U] - y [W'])``, the brackets being differences between the patch's two ends.
 """
 
 from __future__ import annotations

@@ -6,8 +6,9 @@ damping: in small vibration at rest, with the modes' own frequencies Omega and t
 
     zdd = -Omega^2 (z + eta zd) - C Omega^2 (z_0 + eta zd_0)        z_0, zd_0 at the step's start.
 
-A mode with ``z'CO^2 z = a z'O^2 z`` loses the damping ``a omega^2 h / 2`` out of ``(1 + a) eta omega^2`` and grows beyond
-``h = 2 eta (1 + a) / a``, for the case study's axial modes 0.3 ms. Bending modes grow as well, a ten-thousandth per second.
+A mode that the base stiffens by ``a``, to the squared frequency ``(1 + a) Omega^2``, loses ``a Omega^2 h / 2`` of its
+damping ``(1 + a) eta Omega^2`` and grows beyond ``h = 2 eta (1 + a) / a``: for the case study's axial modes 0.3 ms.
+Bending modes grow sooner but slowly, at ``a Omega^2 h / 4``: with steps of 0.29 ms at 1.4e-4 1/s.
 """
 
 from __future__ import annotations

@@ -107,10 +107,12 @@ def steps(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figu
         milliseconds = 1e3 * np.asarray(values)
         slope = np.polyfit(np.log(values), np.log(found), 1)[0]
         ax.plot(milliseconds, found, "o-", color=colour, markersize=5, linewidth=1.6)
-        ax.annotate(f"{label}\nslope {slope:.1f}", (milliseconds[0], found[0]), (8, 0), textcoords="offset points",
-                    color=colour, va="center")  # fmt: skip
+        middle = len(values) // 2
+        ax.annotate(f"{label}\nslope {slope:.1f}", (milliseconds[middle], found[middle]), (6, -6), color=colour,
+                    textcoords="offset points", va="top")  # fmt: skip
     ax.set(xscale="log", yscale="log", xlabel="step [ms]")
-    ax.set_xlim(None, 12.0)
+    ax.set_xlim(None, 8.0)
+    ax.set_ylim(1.0e-2 * min(min(found) for _, found in errors.values()), None)
     ax.xaxis.set_major_formatter("{x:g}")
     ax.set_title("largest distance of a tip [m]")
     return figure

@@ -50,9 +50,9 @@ def convergence(seconds: float) -> Check:
     )
     return judge(
         "Staggered coupling converges to exact", "order 1, fitted slope", max(abs(s - 1.0) for s in slopes), 0.02, "",
-        f"Slopes {slopes[0]:.3f} with all modes, stable up to {1e3 * limit:.2g} ms, and {slopes[1]:.3f} with bending modes "
-        f"alone, up to 2 ms. A step takes {ratio:.2f} of the time of an exact one; to be as close as exact is with steps "
-        f"of 2 ms, it would need steps {finer:.0e} times shorter.",
+        f"Slopes {slopes[0]:.3f} with all modes, stable up to {1e3 * limit:.2g} ms, and {slopes[1]:.3f} with bending "
+        f"modes alone, up to 2 ms. A step takes {ratio:.2f} of the time of an exact one; to be as close as exact is "
+        f"with steps of 2 ms, it would need steps {finer:.0e} times shorter.",
         picture,
     )  # fmt: skip
 
@@ -69,7 +69,7 @@ def growth() -> Check:
     listed = ", ".join(f"{a:.4g}/s at {1e3 * step:g} ms" for a, step in zip(found, UNSTABLE, strict=True))
     return judge(
         "Staggered coupling, growth with long steps", "spectral radius of the linear map of a step", worst, 1.0e-3, "",
-        f"A base with panels: {listed}, the simulator's own step differentiated at rest. It takes shorter ones.",
+        f"Base and panels alone, the compiled step differentiated at rest: {listed}. The simulator takes shorter ones.",
     )  # fmt: skip
 
 
