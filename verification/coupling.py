@@ -26,6 +26,8 @@ OTHER_ROBOT = (  # another structure: a single slanted panel, mounts and angles 
     "arms.0.mount_angle=0.4", "arms.2.links.0.com=0.1",
 )  # fmt: skip
 
+OFF_CENTRE = ("object.grasps.0.point=[0.05, 0.11]", "object.grasps.1.point=[0.03, -0.1]")  # both beside the y axis
+
 
 class Solution(NamedTuple):
     """Accelerations and inner forces at one state.
@@ -48,6 +50,7 @@ def checks(quick: bool) -> list[partial[Check]]:
     robots = [
         ("one element", load_params().with_overrides(ALL_MODES)),
         ("three elements", load_params().with_overrides(ALL_MODES, "panel.elements=3")),
+        ("object held beside its centre", load_params().with_overrides(ALL_MODES, *OFF_CENTRE)),
         ("one element, no object", load_params().with_overrides(ALL_MODES, "object=null")),
         ("another robot", load_params().with_overrides(ALL_MODES, "panel.elements=2", "object=null", *OTHER_ROBOT)),
     ]

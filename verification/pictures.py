@@ -64,6 +64,23 @@ def tips(curves: Mapping[str, Motion], reference: str) -> Figure:
 
 
 @styled
+def base(curves: Mapping[str, Motion], reference: str) -> Figure:
+    """Place and yaw of the base, and differences from the reference below."""
+    figure, axes = _grid(2, 3, height=4.6)
+    for i, (name, unit) in enumerate((("x", "mm"), ("y", "mm"), ("yaw", "mrad"))):
+        upper, lower = axes[0][i], axes[1][i]
+        upper.set_title(f"{name} of the base [{unit}]")
+        lower.set_title(f"difference from {reference} [{unit}]")
+        for (label, motion), style in zip(curves.items(), _styles(), strict=False):
+            way = motion.base[:, i] - motion.base[0, i]
+            upper.plot(motion.t, 1e3 * way, label=label, **style)
+            if label != reference:
+                lower.plot(motion.t, 1e3 * (motion.base - curves[reference].base)[:, i], **style)
+        lower.set_xlabel("time [s]")
+    return _legend(figure, axes[0][0])
+
+
+@styled
 def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> Figure:
     """Relative tip difference over the force of the pulse."""
     figure, axes = _grid(1, 1, width=5.2, height=3.2)
