@@ -203,7 +203,9 @@ def _counts(node: ast.AST) -> bool:
     """Whether an expression counts or points at something, outside of the brackets that it may have."""
     if isinstance(node, ast.Subscript):
         return False
-    return isinstance(node, ast.Name) and node.id in COUNTS or any(_counts(part) for part in ast.iter_child_nodes(node))
+    if isinstance(node, ast.Name):
+        return node.id in COUNTS
+    return any(_counts(part) for part in ast.iter_child_nodes(node))
 
 
 def main() -> int:

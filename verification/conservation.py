@@ -57,7 +57,7 @@ def kept(name: str, params: Params, seconds: float = 10.0) -> Check:
             lost = max(lost, abs(sim.energy(state) / energy - 1.0))
             moved = max(moved, np.abs(sim.momentum(state) - momentum).max() / np.abs(momentum).max())
     return judge(
-        f"Energy and momentum, {name}", f"their start, {seconds:g} s of free motion", max(lost, moved), 1.0e-8, "",
+        f"Energy and momentum, {name}", f"their start, {seconds:g} s of free motion", max(lost, moved), 1.0e-10, "",
         f"Relative drift: energy {lost:.1e}, linear and angular momentum {moved:.1e}; default integrator and step.",
     )  # fmt: skip
 
@@ -72,7 +72,7 @@ def axial_energy(seconds: float = 10.0) -> Check:
         state = sim.step(state, dt=0.1)
         worst = max(worst, abs(sim.energy(state) / energy - 1.0))
     return judge(
-        "Axial vibration at 2828 and 3200 rad/s", f"its energy at the start, {seconds:g} s", worst, 1.0e-8, "",
+        "Axial vibration at 2828 and 3200 rad/s", f"its energy at the start, {seconds:g} s", worst, 1.0e-10, "",
         "Panels stretched by 1 micrometre and let go; ETDRK4 at 2 ms, six radians a step, keeps their energy.",
     )  # fmt: skip
 
@@ -85,7 +85,7 @@ def closed_grasps(seconds: float, amplitude: float = 0.2) -> Check:
         state = sim.step(state, joints=piece.joints, dt=piece.duration)
         worst = max(worst, sim.constraint_drift(state))
     return judge(
-        "Gaps of the grasps, random torques", f"closed; {seconds:g} s of torques up to {amplitude} N m", worst, 1.0e-8,
+        "Gaps of the grasps, random torques", f"closed; {seconds:g} s of torques up to {amplitude} N m", worst, 1.0e-9,
         "m", "Largest distance of a gripper from its grasp point.",
     )  # fmt: skip
 
@@ -97,7 +97,7 @@ def closed_grasps_on_circle() -> Check:
     sim, still = Simulator(load_params()), np.zeros(trajectory.p.shape[1])
     worst = max(sim.constraint_drift(sim.unflatten(0.0, p, still)) for p in trajectory.p)
     return judge(
-        "Gaps of the grasps, full circle", f"closed; {trajectory.t[-1]:.1f} s under HSC", worst, 1.0e-8, "m",
+        "Gaps of the grasps, full circle", f"closed; {trajectory.t[-1]:.1f} s under HSC", worst, 1.0e-9, "m",
         "Largest distance of a gripper from its grasp point.",
     )  # fmt: skip
 

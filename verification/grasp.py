@@ -106,7 +106,7 @@ def forces(engine: str) -> Check:
     note += "off, and neither peer resolves it."
     shown: tuple[Picture, ...] = ()
     if engine == "MuJoCo":
-        curves = {"MuJoCo": b.lam, "Exudyn": peer("Exudyn").lam, "8 elements": a.lam}
+        curves = {"MuJoCo": b.lam, "Exudyn": peer("Exudyn").lam, "sffr-gym": a.lam}
         caption = (
             "Force of the object on the first gripper under random joint torques, and the differences from MuJoCo's."
         )
