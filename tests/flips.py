@@ -16,6 +16,7 @@ import ast
 import importlib
 import math
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -41,6 +42,7 @@ EQUATIONS = {  # file: function: equations that it computes
     },
     "grasp.py": {"couple_object": "8", "solve_object": "8"},
 }  # fmt: skip
+CONFIG = "sffr.yaml"
 # Sections that see a file, the fastest first; all the others that need no long run come after them.
 FIRST = {"beam.py": ("equations",), "kinematics.py": ("rigid",)}
 SECTIONS = ("coupling", "rigid", "equations")
@@ -55,7 +57,7 @@ class Flip(NamedTuple):
     Attributes:
         file, function: where it is; equation: what that computes.
         line: number; start, end: first and last character in the file.
-        text: the term.
+        text: the term; flipped: what takes its place.
     """
 
     file: str
@@ -65,6 +67,7 @@ class Flip(NamedTuple):
     start: int
     end: int
     text: str
+    flipped: str
 
     def __str__(self) -> str:
         """Place and term."""
@@ -80,8 +83,8 @@ class Outcome(NamedTuple):
 
 
 def all_flips() -> list[Flip]:
-    """Every term of ``EQUATIONS``."""
-    return [flip for file, functions in EQUATIONS.items() for flip in _flips_of(file, functions)]
+    """Every term of ``EQUATIONS``, and the panels' angles of Eq. 46, which are data."""
+    return [flip for file, functions in EQUATIONS.items() for flip in _flips_of(file, functions)] + _panel_angles()
 
 
 def sample(flips: list[Flip]) -> list[Flip]:
@@ -104,9 +107,9 @@ def outcomes(flips: list[Flip]) -> Iterator[tuple[Flip, Outcome]]:
         if red := _first_red(()).check:
             raise RuntimeError(f"red without any flip: {red}")
         for flip in flips:
-            file = copy / "sffr_gym" / flip.file
+            file = copy / _folder(flip.file) / flip.file
             source = file.read_text(encoding="utf-8")
-            file.write_text(f"{source[: flip.start]}(-({flip.text})){source[flip.end :]}", encoding="utf-8")
+            file.write_text(source[: flip.start] + flip.flipped + source[flip.end :], encoding="utf-8")
             yield flip, _first_red(FIRST.get(flip.file, ()))
             file.write_text(source, encoding="utf-8")
 
@@ -128,7 +131,7 @@ def _first_red(first: tuple[str, ...]) -> Outcome:
 
 
 def _flips_of(file: str, functions: dict[str, str]) -> Iterator[Flip]:
-    source = (ROOT / "sffr_gym" / file).read_text(encoding="utf-8")
+    source = (ROOT / _folder(file) / file).read_text(encoding="utf-8")
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -138,7 +141,21 @@ def _flips_of(file: str, functions: dict[str, str]) -> Iterator[Flip]:
                 # Columns count bytes, which are characters: the sources are plain ASCII.
                 start = starts[term.lineno - 1] + term.col_offset
                 end = starts[term.end_lineno - 1] + term.end_col_offset
-                yield Flip(file, node.name, functions[node.name], term.lineno, start, end, source[start:end])
+                text = source[start:end]
+                yield Flip(file, node.name, functions[node.name], term.lineno, start, end, text, f"(-({text}))")
+
+
+def _panel_angles() -> list[Flip]:
+    source = (ROOT / "configs" / CONFIG).read_text(encoding="utf-8")
+    found = re.finditer(r"(?<= root: )(\[.*?\], angle: )(\S+?)(?=})", source)
+    return [
+        Flip(CONFIG, "panel.mounts", "46", source.count("\n", 0, m.start()) + 1, *m.span(2), m[2], str(-float(m[2])))
+        for m in found
+    ]
+
+
+def _folder(file: str) -> str:
+    return "configs" if file == CONFIG else "sffr_gym"
 
 
 def _terms_of(function: ast.FunctionDef) -> Iterator[ast.expr]:
@@ -211,12 +228,14 @@ def _counts(node: ast.AST) -> bool:
 def main() -> int:
     """Try flips, print what turned red, and return how many stay green."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", metavar="FILE", choices=[*EQUATIONS, []], help="such as panel.py")
+    parser.add_argument("files", nargs="*", metavar="FILE", help="such as panel.py; all without")
     parser.add_argument("--sample", action="store_true", help="one flip of each function")
     arguments = parser.parse_args()
     if os.environ.get("NUMBA_DISABLE_JIT") != "1":
         parser.error("set NUMBA_DISABLE_JIT=1: to compile each flip takes a minute")
-    flips = [flip for flip in all_flips() if flip.file in (arguments.files or EQUATIONS)]
+    if unknown := set(arguments.files) - {*EQUATIONS, CONFIG}:
+        parser.error(f"no terms in {', '.join(unknown)}; there are {', '.join([*EQUATIONS, CONFIG])}")
+    flips = [flip for flip in all_flips() if not arguments.files or flip.file in arguments.files]
     flips = sample(flips) if arguments.sample else flips
     green = 0
     for flip, outcome in outcomes(flips):

@@ -39,4 +39,6 @@ def test_terms_of_the_paper_are_among_the_flips():
         ("arms.py", "articulate", "w2 * length * (Mxx * c + Mxy * s)"),
         ("dynamics.py", "_attach", "w2 * (hx * x + hy * y)"),
         ("dynamics.py", "flexible_wrench", "y * bx"),
+        ("sffr.yaml", "panel.mounts", "1.5707963267948966"),
+        ("sffr.yaml", "panel.mounts", "-1.5707963267948966"),
     } <= texts
