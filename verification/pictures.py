@@ -83,9 +83,9 @@ def base(curves: Mapping[str, Motion], reference: str) -> Figure:
 @styled
 def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> Figure:
     """Relative tip difference over the force of the pulse."""
-    figure, axes = _grid(1, 1, width=5.2, height=3.2)
+    figure, axes = _grid(1, 1, height=3.4)
     ax = axes[0][0]
-    for (label, values), colour in zip(series.items(), COLOURS[1:], strict=False):
+    for (label, values), colour in zip(series.items(), [COLOURS[i] for i in (2, 5, 3, 4)], strict=True):
         ax.plot(newtons, 100 * np.asarray(values), "o-", color=colour, markersize=4, linewidth=1.4)
         ax.annotate(label, (newtons[0], 100 * values[0]), (-6, 0), textcoords="offset points", ha="right", va="center",
                     color=colour)  # fmt: skip
@@ -93,6 +93,7 @@ def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> F
     ax.set_title("tip difference from Exudyn, rms [%]")
     ax.set_xlim(newtons[0] / 2.6, newtons[-1] * 1.2)
     ax.set_xticks(list(newtons), [f"{force:g}" for force in newtons])
+    ax.set_yticks([0.1, 1.0, 10.0], ["0.1", "1", "10"])
     ax.minorticks_off()
     return figure
 
