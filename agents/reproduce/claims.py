@@ -214,7 +214,7 @@ def adaptation_moves(courses: Mapping[str, Array]) -> Claim:
     printed = next(iter(courses))
     return Claim(
         "The adaptation changes the panels' virtual damping", "sec. 5.3, Fig. 7",
-        f"largest change over its start under the printed law; more than {CHANGED:.0%} at the end; in part: only before",
+        f"largest change over its start, printed law; more than {CHANGED:.0%} at the end; in part: only before",
         "; ".join(words), graded(numbers[f"{printed}_end"] > CHANGED, numbers[f"{printed}_largest"] > CHANGED), numbers,
     )  # fmt: skip
 

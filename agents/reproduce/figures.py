@@ -81,7 +81,7 @@ def paper_plates(study: Study) -> list[Plate]:
         ),
         Plate(
             "fig12.png", "Fig. 12: deflection of the panels under AHSC",
-            "The elastic coordinates of both tips. After the initial speed of Table IV is damped out, the panels follow "
+            "The elastic coordinates of both tips. Once the initial speed of Table IV is damped out, the panels follow "
             "the quasi-static shape.",
             deflections(study),
         ),

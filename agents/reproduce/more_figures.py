@@ -32,12 +32,12 @@ def further_plates(study: Study) -> list[Plate]:
     return [
         Plate(
             "adaptation_integral.png", "Why the printed law integrates to a function of the deflection",
-            "Eq. 39 with Y = e = -q and the regressor diag(e_dot) is dB_k/dt = Gamma_k qd_k (M^-1 q)_k. M^-1 is constant "
-            "and symmetric, so the sum of dB_k / Gamma_k is d(q' M^-1 q / 2), whatever the motion. Left: the printed law "
-            "lies on that diagonal; the filtered one leaves it, since it adds qd' M^-1 qd > 0. A single B_k has its own "
-            "part Gamma_k (M^-1)_kk q_k^2 / 2 and the cross part, integrals of q_j dq_k: areas that the tip's path "
-            "encloses in the plane of q5 and q6, nothing while it moves in one mode (right). So B is traced back and "
-            "forth (middle), and a straight panel has its first damping again: the printed law cannot learn.",
+            "Eq. 39 with Y = e = -q and the regressor diag(e_dot) is dB_k/dt = Gamma_k qd_k (M^-1 q)_k. M^-1 is "
+            "constant and symmetric, so the sum of dB_k / Gamma_k is d(q' M^-1 q / 2), whatever the motion. Left: the "
+            "printed law lies on that diagonal; the filtered one leaves it, since it adds qd' M^-1 qd > 0. A single "
+            "B_k has its own part Gamma_k (M^-1)_kk q_k^2 / 2 and the cross part, integrals of q_j dq_k: areas that "
+            "the tip's path encloses in the plane of q5 and q6, nothing while it moves in one mode (right). So B is "
+            "traced back and forth (middle), and a straight panel has its first damping again: it cannot learn.",
             integral(study),
         ),
         Plate(
@@ -49,10 +49,11 @@ def further_plates(study: Study) -> list[Plate]:
         Plate(
             "stability.png", "Which control periods the virtual damping allows",
             "Left and middle: growth of a clamped panel's axial vibration per control period under an axial virtual "
-            "damping that is held over the period; red is unstable. Dots: Table IV's B(0) at 0.5 ms, as run here, and at "
-            "2 ms. Lines: half an axial cycle (Nyquist), and a quarter (dashed), up to which suppression.coordinates: "
-            "auto damps it. Beyond, strain-rate damping decides whether the held force calms or feeds the mode. "
-            "Right: the largest stable damping of the tip's slope; more elements make the tip node lighter.",
+            "damping that is held over the period; red is unstable. Dots: Table IV's B(0) at 0.5 ms, as run here, and "
+            "at 2 ms. Lines: half an axial cycle (Nyquist), and a quarter (dashed), up to which the setting auto of "
+            "suppression.coordinates damps it. Beyond, strain-rate damping decides whether the held force calms or "
+            "feeds the mode. Right: the largest stable damping of the tip's slope; more elements make the tip node "
+            "lighter.",
             stability(study.params),
         ),
     ]  # fmt: skip
