@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from agents import cli
-from agents.reproduce import adaptation, claims, more_figures, page, peers, study
+from agents.reproduce import adaptation, claims, more_figures, page, peers, piezo_figure, study
 from agents.reproduce.claims import FAILS, HOLDS, PARTLY, UNTESTED
 from agents.reproduce.study import ADAPTIVE, GAINS, STARTS, Case
 from sffr_gym import load_params
@@ -296,6 +296,27 @@ def test_growth_map_knows_the_paper_at_both_periods():
     assert undamped[0, 0] < 1.0 < undamped[0, 1]
 
 
+def test_patches_at_the_tip_hardly_reach_the_first_mode():
+    params = load_params().with_overrides("panel.elements=8")
+    held = {array: piezo_figure.held_displacement(params, array) for array in piezo_figure.ARRAYS}
+    assert (held["generalized"] > held["patches"]).all() and (held["patches"] > held["tip"]).all()
+    assert held["patches"][0] / held["tip"][0] > 100.0
+
+
+def test_modes_share_the_beams_deflection():
+    """A force at the tip of a clamped beam: w = F L^3 / 3 EI, the sum over its modes."""
+    params = load_params().with_overrides("panel.elements=8", "actuators.piezo.moment=1.0e-9")
+    whole = params.actuators.piezo.force * params.panel.length**3 / (3 * params.panel.EI)
+    assert piezo_figure.held_displacement(params, "generalized").sum() == pytest.approx(whole, rel=1e-3)
+
+
+def test_curvature_of_a_cubic_is_exact():
+    places = np.linspace(0.0, 2.0, 5)
+    nodes = np.column_stack([0 * places, places**3, 3 * places**2])
+    x, curvature = piezo_figure.curvature_along(nodes, 2.0)
+    np.testing.assert_allclose(curvature, 6 * x, atol=1e-12)
+
+
 def run_command(*arguments):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "200")
@@ -312,7 +333,7 @@ def test_command_leaves_pictures_claims_and_a_page(tmp_path):
     assert result.exit_code == 0, result.output
     pictures = {file.name for file in folder.glob("*.png")}
     assert {f"fig{number:02d}.png" for number in range(6, 14)} < pictures
-    assert {"stability.png", "adaptation_integral.png", "gains.png"} < pictures
+    assert {"stability.png", "adaptation_integral.png", "gains.png", "piezo_authority.png"} < pictures
     told = json.loads((folder / "claims.json").read_text())
     html = (folder / "index.html").read_text()
     assert html.count("data:image/png;base64,") == len(pictures)

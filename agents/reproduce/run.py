@@ -13,6 +13,7 @@ from agents.reproduce.claims import Claim, judge
 from agents.reproduce.figures import Plate, paper_plates
 from agents.reproduce.more_figures import further_plates
 from agents.reproduce.peers import compare
+from agents.reproduce.piezo_figure import piezo_plate
 from agents.reproduce.study import Report, run_study
 from agents.run_folder import PACKAGES, git_state, package_version, to_json, write_whole
 
@@ -44,7 +45,7 @@ def reproduce(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / CLAIMS).unlink(missing_ok=True)
     with mpl.rc_context(STYLE):
-        plates = [*paper_plates(study), *further_plates(study)]
+        plates = [*paper_plates(study), *further_plates(study), piezo_plate(study.params)]
         pictures = {}
         for done, plate in enumerate(plates):
             report(plate.title, done, len(plates))
