@@ -218,9 +218,9 @@ def factor_for(largest: float) -> float:
 
 
 def _draw_group(axes: Axes, trajectory: Trajectory, group: Workspace, values: Array) -> None:
-    """Lines of a group's coordinates, earlier ones wider, so that equal ones show below each other."""
-    widths = np.linspace(0.8 + 0.6 * len(group.labels), 1.0, len(group.labels))
-    for label, column, colour, width in zip(group.labels, values.T, SERIES, widths, strict=False):
+    """Lines of a group's coordinates; of four the first two wider, since those of the grippers nearly coincide."""
+    for k, (label, column, colour) in enumerate(zip(group.labels, values.T, SERIES, strict=False)):
+        width = 2.6 if k < len(group.labels) - 2 else 1.2
         axes.plot(trajectory.t, column, color=colour, linewidth=width, label=label)
 
 

@@ -130,15 +130,17 @@ def stability(params: Params) -> Figure:
         each.set(xscale="log", yscale="log", xlabel="control period [ms]")
     axes[0, 0].set_ylabel("axial virtual damping [N s/m]")
     figure.colorbar(mesh, ax=list(axes[0, :2]), label="growth per period", ticks=[0.0, 0.5, 1.0, 1.2, 1.4, CAP])
-    slope, thinned = axes[0, 2], PERIODS[:: len(PERIODS) // COARSE]
+    slope, thinned = axes[0, 2], np.geomspace(PERIODS[0], PERIODS[-1], COARSE)
     for elements, colour in zip(ELEMENTS, SERIES, strict=True):
         model = pack(params.with_overrides(f"panel.elements={elements}"))
         largest = [largest_stable_damping(model, [0.0, 0.0, 1.0], np.ones(N_TIP), period) for period in thinned]
-        slope.plot(1e3 * thinned, largest, color=colour, lw=1.4, label=f"{elements} element{'s' * (elements > 1)}")
-    slope.axhline(params.suppression.B0[2], color="black", lw=0.8, ls="--", label="B(0) of Table IV")
+        slope.plot(1e3 * thinned, largest, color=colour, lw=1.4)
+        name = f"{elements} element{'s' * (elements > 1)}"
+        slope.annotate(name, (1e3 * thinned[0], largest[0]), (2, 6), textcoords="offset points", color=colour)
+    slope.axhline(params.suppression.B0[2], color="black", lw=0.8, ls="--")
+    slope.annotate("B(0)", (1e3 * thinned[-1], params.suppression.B0[2]), (-24, 4), textcoords="offset points")
     slope.set_title("largest stable damping of the slope", loc="left")
     slope.set(xscale="log", yscale="log", xlabel="control period [ms]", ylabel="[N m s/rad]")
-    slope.legend(fontsize=8)
     for each in axes[0]:
         each.set_xticks([0.1, 0.2, 0.5, 1.0, 2.0, 4.0], ["0.1", "0.2", "0.5", "1", "2", "4"])
         each.minorticks_off()
@@ -156,6 +158,8 @@ def _mark(axes: Axes, model: Model, params: Params) -> None:
     """The paper's damping at two periods, and the limits of the sampling."""
     axes.plot([0.5, 2.0], [params.suppression.B0[0]] * 2, "o", color="black", markersize=4)
     half = 1e3 * np.pi / np.sqrt(model.omega2[0, 0])
+    axes.text(0.16, 100.0, "stable")
+    axes.text(0.5, 6.0e4, "unstable", color="white")
     for period, style in (half, "-"), (half / 2, "--"):
         axes.axvline(period, color="#333333", lw=0.9, ls=style)
 

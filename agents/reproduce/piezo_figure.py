@@ -27,9 +27,10 @@ def piezo_plate(params: Params) -> Plate:
     """The picture of the arrays' authority."""
     return Plate(
         "piezo_authority.png", "What each piezo array can do to the modes",
-        "Left: tip displacement by which all channels of an array at full voltage hold a linear panel, clamped, in each "
-        f"of its first {BENDING} bending modes. Right: curvature of these modes along the panel, which a bonded patch "
-        "works on. The first mode has none at the tip, so a patch there hardly reaches it; one near the root does.",
+        "Left: tip displacement by which all channels of an array at full voltage hold a linear panel, clamped, in "
+        f"each of its first {BENDING} bending modes. Right: curvature of these modes along the panel, which a bonded "
+        "patch works on. The first mode has none at the tip, so a patch there hardly reaches it; one "
+        "near the root does.",
         _figure(params),
     )  # fmt: skip
 
