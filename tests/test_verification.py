@@ -16,12 +16,13 @@ LIBRARIES = {
     "control_law": ["sympy"],
     "rigid": ["pinocchio"],
     "coupling": [],
+    "staggered": [],
     "conservation": [],
     "grasp": ["mujoco", "exudyn"],
     "fig5": ["mujoco", "exudyn"],
 }
 SLOW = {"fig5", "grasp"}
-INTEGRATING = {"conservation", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
+INTEGRATING = {"conservation", "staggered", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
 
 
 SECTIONS = [

@@ -99,6 +99,24 @@ def convergence(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -
 
 
 @styled
+def steps(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """Distance of the tips from the exact coupling over the step of each method."""
+    figure, axes = _grid(1, 1, width=5.6, height=3.4)
+    ax = axes[0][0]
+    for (label, (values, found)), colour in zip(errors.items(), COLOURS[1:], strict=False):
+        milliseconds = 1e3 * np.asarray(values)
+        slope = np.polyfit(np.log(values), np.log(found), 1)[0]
+        ax.plot(milliseconds, found, "o-", color=colour, markersize=5, linewidth=1.6)
+        ax.annotate(f"{label}\nslope {slope:.1f}", (milliseconds[0], found[0]), (8, 0), textcoords="offset points",
+                    color=colour, va="center")  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="step [ms]")
+    ax.set_xlim(None, 12.0)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.set_title("largest distance of a tip [m]")
+    return figure
+
+
+@styled
 def forces(t: Array, curves: Mapping[str, Array], reference: str) -> Figure:
     """Force on the first gripper, and differences from the reference below."""
     figure, axes = _grid(2, 2, height=4.2)

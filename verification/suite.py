@@ -17,6 +17,7 @@ SECTIONS = (
     ("The suppression law", "control_law"),
     ("Rigid part", "rigid"),
     ("Coupled solution", "coupling"),
+    ("Staggered coupling (Fig. 1)", "staggered"),
     ("Conservation and order", "conservation"),
     ("Closed chain with the object", "grasp"),
     ("Fig. 5: a known force on the base", "fig5"),
