@@ -37,7 +37,7 @@ def check(error, allowed=1.0):
 
 
 def compared(tips=None, proof=None, error=0.0):
-    return peers.Peers(check(error), tips or {}, proof, () if tips else ("exudyn",))
+    return peers.Peers(check(error), check(error), tips or {}, proof, () if tips else ("exudyn",))
 
 
 # Studies
@@ -244,9 +244,16 @@ def test_equations(error, verdict):
     assert claims.equations(compared(error=error)).verdict == verdict
 
 
-def test_equations_are_compared_for_real():
+@pytest.mark.parametrize(("error", "verdict"), [(0.5, PARTLY), (2.0, FAILS)])
+def test_staggering_is_an_approximation_at_best(error, verdict):
+    assert claims.staggering(compared(error=error)).verdict == verdict
+
+
+def test_independent_codes_are_compared_for_real():
     found = peers.compare()
     assert found.equations.passed and found.equations.error > 0.0
+    assert found.staggered.passed and found.staggered.error > 0.0
+    assert bool(found.tips) == ("exudyn" not in found.missing and "mujoco" not in found.missing)
 
 
 @pytest.mark.parametrize(("elapsed", "verdict"), [(0.1, HOLDS), (1.0, FAILS)])
@@ -362,4 +369,4 @@ def test_whole_study_can_be_judged(short):
     listed = claims.judge(short, compared({1: 0.1, 4: 0.001}, check(0.0)))
     assert {claim.verdict for claim in listed} <= {HOLDS, PARTLY, FAILS}
     assert all(np.isfinite(list(claim.numbers.values())).all() for claim in listed)
-    assert dataclasses.is_dataclass(short) and len(listed) == 16
+    assert dataclasses.is_dataclass(short) and len(listed) == 17

@@ -159,7 +159,7 @@ def _mark(axes: Axes, model: Model, params: Params) -> None:
     axes.plot([0.5, 2.0], [params.suppression.B0[0]] * 2, "o", color="black", markersize=4)
     half = 1e3 * np.pi / np.sqrt(model.omega2[0, 0])
     axes.text(0.16, 100.0, "stable")
-    axes.text(0.5, 6.0e4, "unstable", color="white")
+    axes.text(0.25, 6.0e4, "unstable", color="white")
     for period, style in (half, "-"), (half / 2, "--"):
         axes.axvline(period, color="#333333", lw=0.9, ls=style)
 
