@@ -220,7 +220,7 @@ def adaptation_moves(courses: Mapping[str, Array]) -> Claim:
         numbers[f"{policy}_axial"] = float(np.abs(change[..., 0]).max())
         words.append(
             f"{policy} moves B by up to {numbers[f'{policy}_largest']:.1%} and ends {numbers[f'{policy}_end']:.1%} away"
-            f" (axial: {numbers[f'{policy}_axial']:.0e})"
+            f" (axial: {numbers[f'{policy}_axial']:.1g})"
         )
     printed = next(iter(courses))
     return Claim(
