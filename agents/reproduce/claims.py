@@ -156,7 +156,7 @@ def damping(measures: Mapping[Case, Measures], start: float, gain: float) -> Cla
         f"AHSC damps significantly better than HSC: {factor}" + ("" if gain == 1.0 else f", {gain:g} Gamma"),
         "sec. 5.3, Fig. 6" if start == gain == 1.0 else "the same, varied",
         f"mean vibration energy under both adaptation laws over that of HSC from the same start; below {CLEARLY:g}",
-        f"hsc {1e3 * hsc:.3g} mJ; {words}; settled after {settled}", graded(all(better), any(better)),
+        f"hsc {1e3 * hsc:.3g} mJ; {words}; settled: {settled}", graded(all(better), any(better)),
         {"hsc_J": hsc} | {f"{policy}_J": value for policy, value in found.items()},
     )  # fmt: skip
 

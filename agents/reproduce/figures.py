@@ -102,12 +102,12 @@ def starts(study: Study) -> Figure:
     figure, axes = canvas(1, len(STARTS), 2.9, sharey="row")
     for each, start in zip(axes[0], STARTS, strict=True):
         each.set_title(describe(Case("", start)).strip() or "from B(0) of Table IV")
-        for policy in "hsc", "ahsc", "ahsc-filtered":
+        for policy, width in ("hsc", 2.8), ("ahsc", 1.9), ("ahsc-filtered", 1.0):
             trajectory = study.trajectories[Case(policy, start)]
             kept = slice(None, None, max(len(trajectory.signals) // 4000, 1))
             energy = trajectory.signals[kept, VIBRATION]
             times = trajectory.period * (np.arange(len(trajectory.signals))[kept] + 1)
-            each.plot(times, 1e3 * energy, color=COLOURS[policy], linewidth=1.2, label=policy)
+            each.plot(times, 1e3 * energy, color=COLOURS[policy], linewidth=width, label=policy)
         each.set(yscale="log", xlabel="time [s]")
         each.margins(x=0.0)
     axes[0, 0].set_ylabel("vibration energy [mJ]")
