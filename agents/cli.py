@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from agents import verify
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from baselines import POLICIES
 from sffr_gym import ConfigError
@@ -174,6 +176,37 @@ def verify_command(
     tables.print(page, markup=False, soft_wrap=True)
     if any(not check.passed for check in checks):
         raise typer.Exit(1)
+
+
+@app.command("reproduce")
+def reproduce_command(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of pictures, claims and page.")
+    ] = Path("runs/reproduce"),
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", metavar="S", min=1.0, help="Cut each run to this [s], for a quick look.", show_default="110.9"
+        ),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    r"""Draw the paper's figures of section 5.3 with our numbers, and say which of its claims hold.
+
+    Prints the claims; writes index.html, one picture for each figure, claims.md and claims.json. Takes about a minute.
+    Needs the extra [bold]plot[/]; with [bold]verify[/] it also compares with the engines of sffr verify.
+    """
+    notes, tables = Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
+    with user_errors():
+        check_folder(out, overwrite, CLAIMS)
+        if find_spec("matplotlib") is None:
+            raise ConfigError("not installed: matplotlib; pip install 'sffr-gym[plot]'")
+        with CheckDisplay(notes) as display:
+            claims, written = reproduce(out, ["sffr", *sys.argv[1:]], duration, display.begin)
+    tables.print(claims_table(claims, tables.width))
+    tables.print(verdicts(claims), markup=False)
+    tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

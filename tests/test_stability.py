@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigvals
 from scipy.signal import cont2discrete
 
-from baselines.stability import largest_stable_damping, sampled_growth
+from baselines.stability import axial_alone, largest_stable_damping, sampled_growth
 from sffr_gym import Simulator, load_params
 from sffr_gym.model import pack, tip_rows
 
@@ -18,12 +18,6 @@ BENDING = np.array([0.0, 1.0, 1.0])
 
 def model_of(*overrides):
     return pack(load_params().with_overrides(*overrides))
-
-
-def axial_alone(model):
-    """The same panel without its bending modes, whose growth near 1 would hide that of the axial mode."""
-    kept = slice(None, model.n_axial)
-    return model._replace(omega2=model.omega2[:, kept], damping=model.damping[:, kept], shapes=model.shapes[:, :, kept])
 
 
 @pytest.mark.parametrize(("eta", "growth"), [(3.5e-5, 0.869), (0.0, 1.114)])
