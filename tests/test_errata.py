@@ -20,8 +20,8 @@ def case_study_beam(elements=1):
     return beam(PANEL.mass, PANEL.length, PANEL.EI, PANEL.E * PANEL.area, elements)
 
 
-class TestRigidVelocityTerms:
-    """Eqs. 41b and 41c: base and one link, with coordinates so curved that every term counts."""
+class TestRigidPart:
+    """Eq. 41: base and one link, with coordinates so curved that every term counts."""
 
     M, m, I0, I1 = sp.symbols("M m I0 I1", positive=True)  # M is the mass of both bodies, as in Eq. 41a
     q = sp.Matrix(dynamicsymbols("q:3"))
@@ -33,18 +33,22 @@ class TestRigidVelocityTerms:
         link = sp.Matrix([sp.cos(a + c) + b, sp.sin(b * c)])
         return base, link, a * self.qd[1] + self.qd[0], sp.sin(b) * self.qd[2] + c * self.qd[0]
 
-    def lagrange(self, base):
-        """Velocity terms of the equations of Lagrange: all of d/dt dT/dqd - dT/dq that has no acceleration."""
+    def kinetic_energy(self, base):
+        """Of both bodies, by their absolute velocities."""
         R, r, w0, w1 = self.bodies(base)
         Rd, rd = R.diff(dynamicsymbols._t), r.diff(dynamicsymbols._t)
         T = self.M * Rd.dot(Rd) / 2 + self.m * (Rd.dot(rd) + rd.dot(rd) / 2)
-        T += self.I0 * w0**2 / 2 + self.I1 * w1**2 / 2
+        return T + self.I0 * w0**2 / 2 + self.I1 * w1**2 / 2
+
+    def lagrange(self, base):
+        """Velocity terms of the equations of Lagrange: all of d/dt dT/dqd - dT/dq that has no acceleration."""
+        T = self.kinetic_energy(base)
         still = dict.fromkeys(self.qd.diff(dynamicsymbols._t), 0)
         rows = [sp.diff(sp.diff(T, v), dynamicsymbols._t) - sp.diff(T, x) for x, v in zip(self.q, self.qd, strict=True)]
         return sp.Matrix([row.subs(still) for row in rows])
 
     def printed(self, base, mended):
-        """C_1 qd + C_2 of Eqs. 41b and 41c; mended, the fourth line of 41b has i and j exchanged."""
+        """C_1 qd + C_2 of Eqs. 41b and 41c; mended, the last line of 41b has i and j exchanged in its first term."""
         R, r, w0, w1 = self.bodies(base)
         q, qd, n = self.q, self.qd, range(3)
 
@@ -62,6 +66,25 @@ class TestRigidVelocityTerms:
                 C_1[i, j] = entry
         C_2 = -sp.Matrix([self.I0 * w0 * sp.diff(w0, x) + self.I1 * w1 * sp.diff(w1, x) for x in q])
         return C_1 * qd + C_2
+
+    def inertia(self, base, absolute):
+        """H of Eq. 41a, with r from the base's centre of mass or from the inertial origin."""
+        R, r, w0, w1 = self.bodies(base)
+        place = r + R if absolute else r
+        H = sp.zeros(3, 3)
+        for i, (q_i, qd_i) in enumerate(zip(self.q, self.qd, strict=True)):
+            for j, (q_j, qd_j) in enumerate(zip(self.q, self.qd, strict=True)):
+                R_i, R_j, r_i, r_j = sp.diff(R, q_i), sp.diff(R, q_j), sp.diff(place, q_i), sp.diff(place, q_j)
+                H[i, j] = self.M * R_i.dot(R_j) + self.m * (r_i.dot(r_j) + r_i.dot(R_j) + r_j.dot(R_i))
+                H[i, j] += self.I0 * sp.diff(w0, qd_i) * sp.diff(w0, qd_j)
+                H[i, j] += self.I1 * sp.diff(w1, qd_i) * sp.diff(w1, qd_j)
+        return H
+
+    def test_r_of_eq_41a_is_relative_to_the_base(self):
+        cartesian = sp.Matrix([self.q[0], self.q[1]])
+        derived = sp.hessian(self.kinetic_energy(cartesian), list(self.qd))
+        assert (derived - self.inertia(cartesian, absolute=False)).expand() == sp.zeros(3, 3)
+        assert (derived - self.inertia(cartesian, absolute=True)).expand()[0, 0] != 0
 
     def test_eq_41b_has_two_indices_exchanged(self):
         polar = self.q[0] * sp.Matrix([sp.cos(self.q[1]), sp.sin(self.q[1])])
