@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import sympy as sp
 from oracle import Oracle, floating_panel
 from scipy.integrate import solve_ivp
@@ -9,7 +10,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from test_oracle import make_config, random_state
 
 from sffr_gym import load_params, monolithic
-from sffr_gym.beam import beam, clamped_modes
+from sffr_gym.beam import beam
 from sffr_gym.model import pack, panel_beam
 
 PANEL = load_params().panel
@@ -177,10 +178,10 @@ def test_one_voltage_cannot_make_the_law():
 
 def test_patch_at_the_tip_hardly_bends_the_panel():
     """A patch makes opposite moments at its ends, whose work is by the slope that the mode gains between them."""
-    elements = 20
-    shapes = clamped_modes(case_study_beam(elements), 1.0e9)
-    first = shapes.shapes[:, shapes.n_axial]
-    slope = np.append(0.0, first[2::3])
+    shape = case_study_beam(elements=20)
+    bending = np.delete(np.arange(60), np.s_[::3])
+    first = scipy.linalg.eigh(shape.K[np.ix_(bending, bending)], shape.M_ff[np.ix_(bending, bending)])[1][:, 0]
+    slope = np.append(0.0, first[1::2])
     at_root, at_tip = slope[2] - slope[0], slope[-1] - slope[-3]  # a tenth of the length each
     assert abs(at_tip) < 0.03 * abs(at_root)
 
@@ -195,10 +196,11 @@ def test_thickness_that_table_i_implies():
 
 
 def test_damping_of_table_iv():
-    """B(0) in the clamped modes, as a part of the critical damping: axial, first and second bending."""
+    """B(0) as a part of the critical damping of the clamped modes (two of bending, the axial one); the panel's own."""
     shape = case_study_beam()
-    omega, _, modes = clamped_modes(shape, 1.0e9)
+    squares, modes = scipy.linalg.eigh(shape.K, shape.M_ff)
+    omega = np.sqrt(squares)
     ratio = np.diag(modes.T @ np.diag(B0) @ modes) / (2.0 * omega)
-    np.testing.assert_allclose(ratio, [0.206, 0.720, 1.334], atol=1e-3)
+    np.testing.assert_allclose(ratio, [0.720, 1.334, 0.206], atol=1e-3)
     strain_rate = PANEL.strain_rate_damping * omega / 2.0
-    np.testing.assert_allclose(strain_rate, [0.0495, 1.15e-5, 1.135e-4], rtol=5e-3)
+    np.testing.assert_allclose(strain_rate, [1.15e-5, 1.135e-4, 0.0495], rtol=5e-3)
