@@ -174,31 +174,32 @@ def _tensor(reader, n, m, k):
     return _borrow(reader.data, at, (n, m, k))
 
 
-@intrinsic
-def _borrow(typingctx: Any, data: Any, at: Any, shape: Any) -> Any:
-    """An array of a shape over ``data`` (1-D, contiguous) from an index on, without a share in its ownership."""
-    result = types.Array(data.dtype, len(shape), "C")
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        source = make_array(data)(context, builder, arguments[0])
-        dims = cgutils.unpack_tuple(builder, arguments[2])
-        size = context.get_abi_sizeof(context.get_data_type(data.dtype))
-        strides: list[Any] = []
-        step = context.get_constant(types.intp, size)
-        for dim in reversed(dims):
-            strides.insert(0, step)
-            step = builder.mul(step, dim)
-        array = make_array(result)(context, builder)
-        populate_array(
-            array, data=builder.gep(source.data, [arguments[1]]), shape=dims, strides=strides,
-            itemsize=context.get_constant(types.intp, size), meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
-
-    return result(data, at, shape), codegen
-
-
 if config.DISABLE_JIT:
 
     def _borrow(data: Any, at: Any, shape: Any) -> Any:
         return data[at : at + int(np.prod(shape))].reshape(shape)
+
+else:
+
+    @intrinsic
+    def _borrow(typingctx: Any, data: Any, at: Any, shape: Any) -> Any:
+        """An array of a shape over ``data`` (1-D, contiguous) from an index on, without a share in its ownership."""
+        result = types.Array(data.dtype, len(shape), "C")
+
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            source = make_array(data)(context, builder, arguments[0])
+            dims = cgutils.unpack_tuple(builder, arguments[2])
+            size = context.get_abi_sizeof(context.get_data_type(data.dtype))
+            strides: list[Any] = []
+            step = context.get_constant(types.intp, size)
+            for dim in reversed(dims):
+                strides.insert(0, step)
+                step = builder.mul(step, dim)
+            array = make_array(result)(context, builder)
+            populate_array(
+                array, data=builder.gep(source.data, [arguments[1]]), shape=dims, strides=strides,
+                itemsize=context.get_constant(types.intp, size), meminfo=None,
+            )  # fmt: skip
+            return array._getvalue()
+
+        return result(data, at, shape), codegen

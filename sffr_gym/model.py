@@ -121,7 +121,7 @@ def pack(params: Params) -> Model:
     links = [link for arm in params.arms for link in arm.links]
     panel, mounts = params.panel, params.panel.mounts
     shape = panel_beam(params)
-    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
+    modes = panel_modes(params)
     omega2 = modes.omega**2
     is_axial = np.arange(len(omega2)) < modes.n_axial
     longest_step = _longest_step(params, shape, modes)
@@ -196,6 +196,11 @@ def panel_beam(params: Params) -> Beam:
     """Shape integrals of the configured panel."""
     panel = params.panel
     return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+
+
+def panel_modes(params: Params) -> Modes:
+    """Clamped modes of the configured panel up to its cuts."""
+    return clamped_modes(panel_beam(params), params.panel.axial_cut, params.panel.bending_cut)
 
 
 def nodal(model: Model, amplitudes: Array) -> Array:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.beam import N_TIP, Array, Modes, beam, clamped_modes, section_motion
+from sffr_gym.beam import N_TIP, Array, Modes, section_motion
+from sffr_gym.model import panel_modes
 from sffr_gym.params import Panel, Params, Piezo
 
 
@@ -61,8 +62,6 @@ def authority(params: Params, array: str) -> tuple[Modes, Array]:
     Returns:
         The modes, and the modal force (n_m, n_c) of each channel for one volt [N / (kg^(1/2) V)].
     """
-    panel = params.panel
-    shape = beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
-    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
+    panel, modes = params.panel, panel_modes(params)
     gain, reach = channels(params.actuators.piezo.model_copy(update={"array": array}), panel, panel.elements)
     return modes, modes.shapes.T @ reach * gain

@@ -7,8 +7,8 @@ import pytest
 from oracle import Oracle
 
 from sffr_gym.batch import make_batch, start_episode, view_one
-from sffr_gym.fleet import make_fleet
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.fleet import make_fleet
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.observation import observation_fields

@@ -32,7 +32,7 @@ class Peers(NamedTuple):
 
 def compare() -> Peers:
     """Run the checks whose libraries are installed."""
-    equations = coupling.solution("case study", load_params().with_overrides(coupling.ALL_MODES), STATES)
+    equations = coupling.solution("case study", load_params().with_overrides(*coupling.ALL_MODES), STATES)
     missing = missing_libraries(("fig5", "control_law"))
     return Peers(
         equations,
