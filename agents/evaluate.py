@@ -158,9 +158,7 @@ def table(evaluation: Evaluation, width: int = 100) -> Table:
     failures = {policy: sum(bool(result.failure) for result in own) for policy, own in results.items()}
     whole = [policy for policy, failed in failures.items() if not failed] or list(results)
     many = "episode" if evaluation.episodes == 1 else "episodes"
-    title = (
-        f"{evaluation.scenario.name}: {evaluation.episodes} {many} {_span(evaluation)}, from seed {evaluation.seed}"
-    )
+    title = f"{evaluation.scenario.name}: {evaluation.episodes} {many} {_span(evaluation)}, from seed {evaluation.seed}"
     out = Table(title=Text(title), box=box.SIMPLE_HEAD, show_edge=False, padding=(0, int(width >= WIDE), 0, 0))
     out.title_style, out.title_justify = "bold", "left"
     out.add_column("\n\npolicy", style="bold", no_wrap=True)

@@ -85,7 +85,7 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
     """
     import matplotlib as mpl
 
-    view = make_view(evaluation)
+    view = make_view(evaluation.first)
     painters: tuple[Callable[[View], Figure | None], ...] = (path, tracking, panels, damping, forces)
     files = []
     with mpl.rc_context(STYLE):
@@ -98,15 +98,14 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
     return files
 
 
-def make_view(evaluation: Evaluation) -> View:
-    """Collect what the figures need."""
-    others = [policy for policy in evaluation.first if policy not in COLOURS]
+def make_view(trajectories: Mapping[str, Trajectory]) -> View:
+    """Collect what the figures need from a trajectory of each policy, all in the same episode."""
+    others = [policy for policy in trajectories if policy not in COLOURS]
     colours = COLOURS | {policy: OTHERS[i % len(OTHERS)] for i, policy in enumerate(others)}
-    episode = next(iter(evaluation.first.values())).episode
+    episode = next(iter(trajectories.values())).episode
     model = pack(episode.plant)
     actuators = pack_actuators(episode.plant, model)
-    limit = actuators.limit * episode.health.left(actuators)
-    return View(evaluation.first, model, episode.plant, limit, colours)
+    return View(trajectories, model, episode.plant, actuators.limit * episode.health.left(actuators), colours)
 
 
 def path(view: View) -> Figure:

@@ -13,6 +13,7 @@ import numpy as np
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode, draw
+from sffr_gym.fleet import make_fleet, put_robot
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
@@ -48,6 +49,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     | 8 | thruster torque | 100 N m |
     | 9-12 | joints of arm 1 and arm 2 | 7 N m |
     | 13, 14 | antenna and camera joint | 7 N m |
+
+    That is for the ``generalized`` piezo array; ``patches`` has 8 channels for each panel and ``tip`` has 2, of every
+    pair the upper face first.
 
     ## Observation space
     ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are
@@ -128,7 +132,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.robot = self._believed = make_robot(self.params)
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
-        self._batch = make_batch(self.robot, 1)
+        self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, 1)
         self._episode: Episode | None = None
 
     def reset(
@@ -143,8 +147,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
         episode = draw(self.scenario, self.params, self._believed.model, self.np_random)
-        self._episode, self.robot = episode, episode_robot(self._believed, episode)
-        start_episode(self.robot, self._batch, 0, episode)
+        self._take(episode)
+        start_episode(self._fleet, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -157,7 +161,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         ticks = self.ticks
         action = check_action(action, self.robot.scale.shape)
         batch = self._batch
-        step_batch(self.robot, batch, action[None], _ONE)
+        step_batch(self._fleet, batch, action[None], _ONE)
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= ticks)
         return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
@@ -211,10 +215,14 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
         state = copy.deepcopy(dict(state))
-        self._batch, self.np_random = state["batch"], state["rng"]
-        self.scenario, self._episode = state["scenario"], state["episode"]
-        if self._episode is not None:
-            self.robot = episode_robot(self._believed, self._episode)
+        self._batch, self.np_random, self.scenario = state["batch"], state["rng"], state["scenario"]
+        if state["episode"] is not None:
+            self._take(state["episode"])
+
+    def _take(self, episode: Episode) -> None:
+        """Make an episode and its plant this one's."""
+        self._episode, self.robot = episode, episode_robot(self._believed, episode)
+        put_robot(self._fleet, 0, self.robot)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
