@@ -103,7 +103,7 @@ def mode_cut(elements: int = 8) -> Check:
     error = tip_difference(*(motion.simulate(each, motion.pulse(SMALL)) for each in (params, whole)))
     return judge(
         f"Fig. 5 tips, 0.2 N, {elements} elements, modes up to {params.panel.bending_cut:g} rad/s", "all bending modes",
-        error, 1.0e-5, "", "Rms relative, 20 s: what the modes left out contribute.",
+        error, 1.0e-4, "", "Rms relative, 20 s: what the modes left out contribute. Allowed is a hundredth of 1 %.",
     )  # fmt: skip
 
 
