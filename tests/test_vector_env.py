@@ -19,7 +19,7 @@ from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw
 from sffr_gym.fleet import make_fleet
 from sffr_gym.params import load_params
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import load_scenario, scenario_names
 from sffr_gym.task import REASONS, RUNNING, make_robot
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 
@@ -93,6 +93,44 @@ def test_batch_equals_single_environments(scenario, mode, n):
             )
     assert ends.min() > 0 or n == 1
     assert ends.sum() > 0
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_batch_equals_single_environments_in_every_scenario(name):
+    """Plants, faults, sensors and blows of each environment are those of its seed, and its info tells them."""
+    n = 5
+    native = SFFRFlexVectorEnv(n, scenario=name)
+    single = SyncVectorEnv([lambda: SFFRFlexEnv(name)] * n)
+    assert_outputs_agree(native.reset(seed=30), single.reset(seed=30))
+    for inputs in actions(60, n):
+        assert_outputs_agree(native.step(inputs), single.step(inputs))
+    native.close()
+
+
+def test_plants_come_and_go_with_the_scenario():
+    """Environments of one batch may be in scenarios of one plant for all and of one for each, in any order."""
+    n = 3
+    native = SFFRFlexVectorEnv(n, autoreset_mode=AutoresetMode.DISABLED)
+    singles = [SFFRFlexEnv() for _ in range(n)]
+    native.reset(seed=7)
+    for i, env in enumerate(singles):
+        env.reset(seed=7 + i)
+    for name, who in (
+        ("mismatch", [1]),
+        ("degraded", [0, 1]),
+        ("nominal", [0]),
+        ("payload", [2]),
+        ("nominal", [0, 1, 2]),
+    ):
+        native.reset(options={"scenario": name, "reset_mask": np.isin(np.arange(n), who)})
+        for i in who:
+            singles[i].reset(options={"scenario": name})
+        for inputs in actions(10, n):
+            obs, reward, *_ = native.step(inputs)
+            for i, env in enumerate(singles):
+                alone = env.step(inputs[i])
+                np.testing.assert_array_equal(obs[i], alone[0])
+                assert reward[i] == alone[1]
 
 
 @pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 4, 2), (3, 4, 3), (3, 5, 2), (8, 1, 8)])
