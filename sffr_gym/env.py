@@ -19,7 +19,7 @@ from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator, State
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, episode_robot, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
@@ -230,7 +230,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
         info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
         info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": REASONS[int(batch.status[0])]}
-        info["cost"] = float(cost(batch.signals[0], batch.status[0]))
+        info["cost"] = float(batch.cost[0])
         return info | {"applied": batch.applied[0].copy(), "drawn": dict(self.episode.drawn)}
 
 
