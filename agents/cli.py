@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
@@ -16,11 +14,12 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from agents.benchmark.commands import add_commands
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
 from agents.run_folder import check_folder, package_version, write_run
+from agents.user_errors import user_errors
 from baselines import POLICIES
-from sffr_gym import ConfigError
 from sffr_gym._jit import is_compiled, remove_stale_caches
 
 app = typer.Typer(
@@ -46,18 +45,6 @@ def sffr(
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
     remove_stale_caches()
-
-
-@contextmanager
-def user_errors() -> Iterator[None]:
-    """Turn faults of the user's input into a line on stderr and exit code 2; anything else keeps its traceback."""
-    try:
-        yield
-    except (ConfigError, OSError) as error:
-        console = Console(stderr=True, highlight=False)
-        for line in str(error).splitlines():
-            console.print(f"error: {line}", style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(2) from None
 
 
 class Display:
@@ -210,6 +197,8 @@ def _draw(out: Path, evaluation: Evaluation, notes: Console) -> list[Path]:
         notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
         return []
 
+
+add_commands(app)
 
 if __name__ == "__main__":
     app()

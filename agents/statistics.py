@@ -1,8 +1,8 @@
 """Statistics of a benchmark: interquartile mean, stratified bootstrap, profiles, probability of improvement.
 
 The definitions are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep reinforcement learning at the
-edge of the statistical precipice" (NeurIPS 2021), with the sign for costs, of which low ones are good. A table of scores
-is (episodes, scenarios); a scenario is a stratum.
+edge of the statistical precipice" (NeurIPS 2021), with the sign for costs, of which low ones are good. A table of
+scores is (episodes, scenarios); a scenario is a stratum.
 """
 
 from __future__ import annotations

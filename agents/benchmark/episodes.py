@@ -1,8 +1,8 @@
 """Episodes of a benchmark, run in parallel and kept one by one: what was finished is never lost nor run again.
 
-Each finished episode is a file, written whole by the worker that ran it, so that a dead worker or an interruption leaves
-only finished ones behind, and a second call runs what is missing. An episode depends on its seed alone, not on what ran
-before it or where.
+Each finished episode is a file, written whole by the worker that ran it, so that a dead worker or an interruption
+leaves only finished ones behind, and a second call runs what is missing. An episode depends on its seed alone, not on
+what ran before it or where.
 """
 
 from __future__ import annotations
@@ -106,12 +106,12 @@ class Plan:
             "version": package_version("sffr-gym"),
             "code": code_hash(),
             "config_hash": self.params.hash(),
-            "scenarios": {name: suite_hash([load_scenario(name)], self.params) for name in self.scenarios},
+            "scenarios": {each.name: suite_hash([each], self.params) for each in map(load_scenario, self.scenarios)},
         }
 
 
 def code_hash() -> str:
-    """First 16 hexadecimal digits of the SHA-256 of all that decides an episode: simulator, baselines, their settings."""
+    """Hash of all code and settings that decide an episode, 16 hexadecimal digits of the SHA-256."""
     folders = [Path(package.__file__ or "").parent for package in (sffr_gym, baselines)]
     files = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     files += sorted((config_dir() / "policies").glob("*.yaml"))

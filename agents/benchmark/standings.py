@@ -120,7 +120,7 @@ def check_paired(groups: Mapping[str, Mapping[str, Sequence[Result]]], policies:
 
 
 def paired_differences(terms: Array) -> Array:
-    """Differences of cost to AHSC on the same episode, in units of AHSC's mean (...), for terms (..., episodes, ..., 6).
+    """Differences of cost to AHSC on the same episode, in units of AHSC's mean, for terms (episodes, scenarios, 6).
 
     Their mean over the episodes of a scenario is the cost there less 1.
     """

@@ -97,8 +97,8 @@ def tune_hsc(
 def write_damping(file: Path, tuning: Tuning, command: str) -> Path:
     """Write what was found as the settings of ``hsc-tuned``."""
     text = (
-        "# Constant virtual damping of hsc-tuned, written by the command below. Costs are relative to AHSC's on the same\n"
-        f"# episodes of training; the optimiser tried {tuning.evaluations} pairs.\n"
+        "# Constant virtual damping of hsc-tuned, written by the command below. Costs are relative to AHSC's on the\n"
+        f"# same episodes of training; the optimiser tried {tuning.evaluations} pairs.\n"
         f"q5: {tuning.q5!r}   # N s/m, the tip's transverse displacement\n"
         f"q6: {tuning.q6!r}   # N m s/rad, its slope\n"
         f"cost: {tuning.cost:.5f}\n"
