@@ -28,7 +28,7 @@ from sffr_gym import ConfigError
 from sffr_gym.env import resolve_params
 from sffr_gym.scenario import scenario_names
 
-WIDE = 110  # columns of a terminal that shows the ratios
+WIDE = 128  # columns of a terminal that shows the ratios
 
 _Params = Annotated[
     str | None,
@@ -101,10 +101,16 @@ def benchmark_command(
             tuple(policies or BASELINES), tuple(scenarios or scenario_names()), episodes, seed,
             resolve_params(params, overrides or []),
         )  # fmt: skip
-        with Bar(notes) as bar:
-            table, written = run_benchmark(
-                plan, out, jobs or default_jobs(), ["sffr", *sys.argv[1:]], docs, figures, overwrite, bar.show
+        try:
+            with Bar(notes) as bar:
+                table, written = run_benchmark(
+                    plan, out, jobs or default_jobs(), ["sffr", *sys.argv[1:]], docs, figures, overwrite, bar.show
+                )
+        except KeyboardInterrupt:
+            notes.print(
+                f"interrupted; what was finished is kept in {out}, and the same command goes on", soft_wrap=True
             )
+            raise typer.Exit(130) from None
     _print_standings(tables, table)
     tables.print(f"\n{', '.join(str(path) for path in written if path.name == PAGE)}", markup=False, soft_wrap=True)
 
@@ -196,13 +202,14 @@ def _print_standings(console: Console, table: Standings) -> None:
     wide = console.width >= WIDE
     out = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     out.add_column("policy", style="bold", no_wrap=True)
-    heads = ["cost", "typical", "less AHSC", *(f"{name.split('_')[0]}\nratio" for name in WEIGHTS if wide), "better"]
-    for head in (*heads, "failed"):
-        out.add_column(head, justify="right")
+    heads = ["typical", *(f"{name.split('_')[0]}\nratio" for name in WEIGHTS)] if wide else []
+    for head in ("cost", "less AHSC", *heads, "better", "failed"):
+        out.add_column(head, justify="right", no_wrap=True)
     for policy in ranked(table):
         score = table.overall[policy]
-        cells = [show(score.cost), show(score.typical), signed(score.difference)]
-        cells += [number(value) for value in score.ratios.values() if wide]
+        cells = [show(score.cost), signed(score.difference)]
+        if wide:
+            cells += [show(score.typical), *map(number, score.ratios.values())]
         cells += [f"{100.0 * score.improvement:.0f} %", f"{score.failed}/{score.episodes}"]
         out.add_row(Text(policy), *cells)
     console.print(out)

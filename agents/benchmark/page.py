@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,14 @@ from agents.evaluate import number
 from agents.run_folder import package_version, to_json, write_whole
 from agents.score import REFERENCE, WEIGHTS, Result
 from agents.statistics import Estimate
+from baselines.settings import load_damping
 
 PAGE, LEADERBOARD, IMAGES = "results.md", "leaderboard.json", "images"
+CAPTIONS = (
+    "Interquartile mean of the episodes' costs, with 95 % intervals",
+    "Performance profiles: share of episodes whose cost is at most the threshold, on the left the part near AHSC",
+    "Paired differences of cost to AHSC, episode by episode",
+)
 DIGITS = 6  # of the leaderboard's numbers, which are the same on any machine
 
 
@@ -50,12 +55,21 @@ def leaderboard(plan: Plan, table: Standings, command: str) -> list[dict[str, An
     """One entry for each policy, the lowest cost first: policy, suite, version, command, numbers."""
     suite, version = plan.suite, package_version("sffr-gym")
     what = {"suite": suite, "version": version, "command": command, "seed": plan.seed, "episodes": plan.episodes}
-    return [
-        {"policy": policy, **what}
-        | _rounded(asdict(table.overall[policy]))
-        | {"scenarios": {name: _rounded(asdict(scores[policy])) for name, scores in table.single.items()}}
-        for policy in ranked(table)
-    ]
+    entries = []
+    for policy in ranked(table):
+        score = table.overall[policy]
+        numbers = {
+            "cost": score.cost.value,
+            "cost_interval": [score.cost.low, score.cost.high],
+            "typical_cost": score.typical.value,
+            "typical_cost_interval": [score.typical.low, score.typical.high],
+            "better_than_ahsc": score.improvement,
+            "failed": score.failed,
+            "ratios": score.ratios,
+            "scenarios": {name: scores[policy].cost.value for name, scores in table.single.items()},
+        }
+        entries.append({"policy": policy, **what, **_rounded(numbers)})
+    return entries
 
 
 def read_leaderboard(file: Path) -> list[dict[str, Any]]:
@@ -71,34 +85,29 @@ def ranked(table: Standings) -> list[str]:
 
 def page(plan: Plan, results: Sequence[Result], table: Standings, command: str, pictures: bool = True) -> str:
     """The page as Markdown."""
-    run = f"```\n{command}\n```"
     many = f"{plan.episodes} episodes" if plan.episodes > 1 else "one episode"
     parts = [
         "# Results of the benchmark",
-        f"Written by the command that stands with each table and figure. Version {package_version('sffr-gym')}, suite "
-        f"`{plan.suite}`: {', '.join(table.scenarios)}; {many} of each policy in each scenario that draws anything, "
-        f"from seed {plan.seed}, the same for all. Everything is relative to AHSC on the same episodes; lower is better. "
-        "[benchmark.md](benchmark.md) says how it is scored.",
+        f"Version {package_version('sffr-gym')}, suite `{plan.suite}`: {', '.join(table.scenarios)}; {many} of each "
+        f"policy in each scenario that draws anything, from seed {plan.seed}, the same for all. Everything is relative "
+        "to AHSC on the same episodes; lower is better. [benchmark.md](benchmark.md) says how it is scored. This page "
+        "is written by the command that stands with each table and figure.",
         "## Standings",
         _overall(table),
         "Cost: from the ratios of means, averaged over the scenarios. Typical: interquartile mean of the episodes' own "
-        f"costs. Less AHSC: interquartile mean of the paired differences. Better: probability that an episode costs "
-        f"less than under {REFERENCE}. In brackets 95 % intervals of the stratified bootstrap.",
-        run,
+        "costs. Less AHSC: interquartile mean of the paired differences. Better: probability that an episode costs "
+        f"less than under {REFERENCE}. In brackets 95 % intervals of the stratified bootstrap. `{command}`",
         "## Cost in each scenario",
         _single(table),
-        run,
+        f"From the ratios of means, with 95 % intervals. `{command}`",
     ]
-    captions = (
-        "Interquartile mean of the episodes' costs, with 95 % intervals",
-        "Performance profiles: share of episodes whose cost is at most the threshold; left the part near AHSC",
-        "Paired differences of cost to AHSC, episode by episode",
-    )
-    for name, caption in zip(PICTURES if pictures else (), captions, strict=False):
-        parts += [f"![{caption}]({IMAGES}/{name})", f"{caption}.", run]
-    parts += ["## Measures", *_measures(table), run]
+    for name, caption in zip(PICTURES if pictures else (), CAPTIONS, strict=False):
+        parts += [f"![{caption}]({IMAGES}/{name})", f"{caption}. `{command}`"]
+    parts += ["## Measures", *_measures(table), f"Ratios of means over the episodes to AHSC's. `{command}`"]
     if failures := _failures(results):
-        parts += ["## Failed episodes", "Each counts as ten times AHSC's.", failures, run]
+        parts += ["## Failed episodes", failures, f"Each counts as ten times AHSC's. `{command}`"]
+    if "hsc-tuned" in table.policies:
+        parts += ["## What tuning found", _tuned(plan)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -139,7 +148,7 @@ def _measures(table: Standings) -> list[str]:
     parts, order = [], ranked(table)
     for name, weight in WEIGHTS.items():
         rows = [[key, *(number(scores[p].ratios[name]) for p in order)] for key, scores in table.single.items()]
-        parts.append(f"Ratio of means to AHSC's, `{name}` (weight {weight:.2f}):")
+        parts.append(f"`{name}`, weight {weight:.2f}:")
         parts.append(markdown_table(["scenario", *(f"`{policy}`" for policy in order)], rows))
     return parts
 
@@ -155,9 +164,20 @@ def _failures(results: Sequence[Result]) -> str:
 
 
 def signed(estimate: Estimate) -> str:
-    """A difference in per cent with its interval."""
-    value, low, high = (f"{100.0 * each:+.1f}" if abs(each) < 10.0 else f"{100.0 * each:+.0f}" for each in estimate)
-    return f"{value} %" if estimate.low == estimate.high else f"{value} % [{low}, {high}]"
+    """A difference with its interval."""
+    value, low, high = (number(each) if each <= 0.0 else f"+{number(each)}" for each in estimate)
+    return value if estimate.low == estimate.high else f"{value} [{low}, {high}]"
+
+
+def _tuned(plan: Plan) -> str:
+    """The numbers of ``hsc-tuned`` and where they come from."""
+    found, (_, q5, q6) = load_damping(), plan.params.suppression.B0
+    rows = [
+        ["`hsc`", number(q5), number(q6), f"{found.hsc_cost:.4f}"],
+        ["`hsc-tuned`", number(found.q5), number(found.q6), f"{found.cost:.4f}"],
+    ]
+    head = ["policy", "q5 [N s/m]", "q6 [N m s/rad]", "cost on the training episodes"]
+    return f"{markdown_table(head, rows)}\n\nConstant virtual damping, found on {found.date}. `{found.command}`"
 
 
 def _rounded(values: Any) -> Any:
