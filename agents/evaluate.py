@@ -17,7 +17,7 @@ from rich.text import Text
 
 from agents.score import REFERENCE, WEIGHTS, Result, costs, ratios
 from baselines import make_policy
-from baselines.policies import Policy, left_out
+from baselines.policies import ORACLES, Policy, left_out
 from baselines.rollout import Trajectory, rollout
 from sffr_gym import ConfigError, Params
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, resolve_params
@@ -66,12 +66,13 @@ class Evaluation:
     elapsed: float
 
     def summary(self) -> dict[str, Any]:
-        """Scenario, episodes, seed, and the mean over the episodes of every policy's measures."""
+        """Scenario, its hash, episodes, seed, and the mean over the episodes of every policy's measures."""
         policies = {
             policy: {name: float(np.mean([result.measures[name] for result in results])) for name in MEASURES}
             for policy, results in self.results.items()
         }
-        return {"scenario": self.scenario.name, "episodes": self.episodes, "seed": self.seed, "policies": policies}
+        what = {"scenario": self.scenario.name, "scenario_hash": self.scenario.hash(self.params)}
+        return what | {"episodes": self.episodes, "seed": self.seed, "policies": policies}
 
     @property
     def reference(self) -> str:
@@ -91,7 +92,8 @@ def evaluate(
     """Run policies on the same episodes of a scenario.
 
     Args:
-        policies: names.
+        policies: names. Where a scenario's plant is not what the controllers believe, HSC and AHSC run with the right
+            model as well.
         scenario: a shipped scenario's name or a file.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
@@ -105,7 +107,7 @@ def evaluate(
     started, clock = datetime.now(UTC), time.perf_counter()
     progress = progress or (lambda policy, done, total: None)
     resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
-    runners = _make_policies(policies, resolved)
+    runners = _make_policies(with_right_models(policies, chosen), resolved)
     if seed < 0:
         raise ConfigError(f"seed = {seed}: must be at least 0")
     if episodes is not None and episodes < 1:
@@ -115,13 +117,13 @@ def evaluate(
     _, info = env.reset(seed=seed)
     if episodes is None:
         episodes = EPISODES if info["drawn"] else 1
-    ticks = chosen.ticks(resolved)
-    total = ticks * episodes * len(runners)
+    ends = np.cumsum([0, *(_length(env, seed + i) for i in range(episodes))]).tolist()
+    total = ends[-1] * len(runners)
     results: dict[str, list[Result]] = {policy.name: [] for policy in runners}
     first: dict[str, Trajectory] = {}
     for k, policy in enumerate(runners):
         for i in range(episodes):
-            begun = ticks * (k * episodes + i)
+            begun = ends[-1] * k + ends[i]
             progress(policy.name, begun, total)
             trajectory = rollout(env, policy, seed + i, _counter(progress, policy.name, begun, total))
             first.setdefault(policy.name, trajectory)
@@ -129,6 +131,17 @@ def evaluate(
     progress(runners[-1].name, total, total)
     elapsed = time.perf_counter() - clock
     return Evaluation(chosen, resolved, episodes, seed, results, first, started, elapsed)
+
+
+def with_right_models(policies: Sequence[str], scenario: Scenario) -> list[str]:
+    """The policies, each with its oracle behind it if it has one and the scenario's plant is not what it believes."""
+    names: list[str] = []
+    for policy in policies:
+        names.append(policy)
+        oracle = ORACLES.get(policy)
+        if scenario.changes_model and oracle is not None and oracle not in policies:
+            names.append(oracle)
+    return names
 
 
 def result_of(trajectory: Trajectory) -> Result:
@@ -145,8 +158,9 @@ def table(evaluation: Evaluation, width: int = 100) -> Table:
     failures = {policy: sum(bool(result.failure) for result in own) for policy, own in results.items()}
     whole = [policy for policy, failed in failures.items() if not failed] or list(results)
     many = "episode" if evaluation.episodes == 1 else "episodes"
-    length = evaluation.scenario.ticks(evaluation.params) * evaluation.params.control.period
-    title = f"{evaluation.scenario.name}: {evaluation.episodes} {many} of {length:.4g} s, from seed {evaluation.seed}"
+    title = (
+        f"{evaluation.scenario.name}: {evaluation.episodes} {many}, {_span(evaluation)}, from seed {evaluation.seed}"
+    )
     out = Table(title=Text(title), box=box.SIMPLE_HEAD, show_edge=False, padding=(0, int(width >= WIDE), 0, 0))
     out.title_style, out.title_justify = "bold", "left"
     out.add_column("\n\npolicy", style="bold", no_wrap=True)
@@ -187,6 +201,8 @@ def remarks(evaluation: Evaluation) -> list[str]:
     scored = ", ".join(f"{weight:.2f} {name}" for name, weight in WEIGHTS.items())
     cost = f"; cost = {scored}, lower is better" if evaluation.reference == REFERENCE else ""
     lines.append(f"ratios are to {evaluation.reference}{cost}")
+    if evaluation.scenario.changes_model:
+        lines.append("oracles know each episode's plant; the others take it for the robot of the parameters")
     if undamped := left_out(evaluation.params):
         lines.append(f"hsc and ahsc leave {', '.join(undamped)} undamped at this control period")
     return lines
@@ -229,6 +245,20 @@ def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from None
+
+
+def _length(env: SFFRFlexEnv, seed: int) -> int:
+    """Control periods of an episode."""
+    env.reset(seed=seed)
+    return env.ticks
+
+
+def _span(evaluation: Evaluation) -> str:
+    """How long the episodes are, for people."""
+    scenario, params = evaluation.scenario, evaluation.params
+    if scenario.duration is None and scenario.speed is not None:
+        return "once around"
+    return f"{scenario.ticks(params) * params.control.period:.4g} s"
 
 
 def _unit(unit: str, largest: float) -> tuple[str, float]:

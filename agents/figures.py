@@ -17,7 +17,7 @@ from agents.evaluate import Evaluation
 from agents.robot_figure import path_figure, tip_deflections
 from agents.run_folder import FIGURES, write_whole
 from agents.score import REFERENCE
-from baselines.rollout import Trajectory
+from baselines.rollout import Trajectory, true_observations
 from baselines.suppression import COORDINATES
 from sffr_gym.actuators import pack_actuators
 from sffr_gym.beam import N_TIP, Array
@@ -49,11 +49,19 @@ STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class View:
-    """What the figures draw: a trajectory of each policy, the robot's arrays and parameters, the policies' colours."""
+    """What the figures draw.
+
+    Attributes:
+        trajectories: of each policy, all in the same episode.
+        model, params: the episode's plant.
+        limit: (n_u,) what the actuators can give in it.
+        colours: of each policy.
+    """
 
     trajectories: Mapping[str, Trajectory]
     model: Model
     params: Params
+    limit: Array
     colours: Mapping[str, str]
 
     def lines(self) -> list[tuple[str, Trajectory, dict[str, Any]]]:
@@ -95,7 +103,11 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
 
 def make_view(evaluation: Evaluation) -> View:
     """Collect what the figures need."""
-    return View(evaluation.first, pack(evaluation.params), evaluation.params, colours_of(evaluation.first))
+    episode = next(iter(evaluation.first.values())).episode
+    model = pack(episode.plant)
+    actuators = pack_actuators(episode.plant, model)
+    limit = actuators.limit * episode.health.left(actuators)
+    return View(evaluation.first, model, episode.plant, limit, colours_of(evaluation.first))
 
 
 def colours_of(policies: Iterable[str]) -> dict[str, str]:
@@ -112,7 +124,7 @@ def path(view: View) -> Figure:
 
 
 def tracking(view: View) -> Figure:
-    """Magnitudes of the position errors and their rates: of the object, of the grippers (together) and of the base."""
+    """Magnitudes of the true position errors and their rates: of object, grippers (together) and base."""
     fields = next(iter(view.trajectories.values())).fields
     kinds = ("object_error", "object"), ("tip_error", "gripper"), ("base_error", "base")
     rows = [
@@ -122,11 +134,12 @@ def tracking(view: View) -> Figure:
         if fields[field].size
     ]
     figure, axes = _grid(view, len(rows), spans=True)
+    truth = {policy: true_observations(trajectory) for policy, trajectory in view.trajectories.items()}
     for (field, label, unit), row in zip(rows, axes, strict=True):
         row[0].set_ylabel(label)
         _logarithmic(row[0], unit)
-        for _, trajectory, style in view.lines():
-            values = trajectory.obs[:, trajectory.fields[field].slice]
+        for policy, trajectory, style in view.lines():
+            values = truth[policy][:, trajectory.fields[field].slice]
             for each in row:
                 each.plot(trajectory.t, np.linalg.norm(values, axis=1), **style)
     return _finish(view, figure, axes)
@@ -177,7 +190,7 @@ def damping(view: View) -> Figure | None:
 
 def forces(view: View) -> Figure:
     """What each actuator applies, with its limit in writing, which would squash the curves as a line."""
-    params, limit = view.params, pack_actuators(view.params, view.model).limit
+    params, limit = view.params, view.limit
     mounts, names = params.panel.mounts, ("axial", "transverse", "slope")
     n_c = (len(limit) - N_BASE - params.n_links) // max(len(mounts), 1)
     piezos = [[f"{mount.name} piezo {names[c] if n_c == N_TIP else c + 1}" for c in range(n_c)] for mount in mounts]

@@ -103,6 +103,7 @@ def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
         "policies": list(evaluation.results),
         "seeds": [evaluation.seed + i for i in range(evaluation.episodes)],
         "scenario": evaluation.scenario.model_dump(mode="json"),
+        "scenario_hash": evaluation.scenario.hash(evaluation.params),
         "config_hash": evaluation.params.hash(),
         "config": evaluation.params.to_dict(),
     }

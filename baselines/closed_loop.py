@@ -15,9 +15,10 @@ from baselines.regulator import Regulator, regulate
 from baselines.suppression import Suppression, suppress
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
+from sffr_gym.disturbances import hit, sense
 from sffr_gym.model import N_BASE, IntArray, Model
 from sffr_gym.reference import Reference
-from sffr_gym.task import RUNNING, control_period
+from sffr_gym.task import NOT_FINITE, RUNNING, control_period
 
 
 class Law(NamedTuple):
@@ -97,9 +98,11 @@ def act(law, obs, B_hat, actions):
 
 
 @kernel(allocates=True, nogil=True)
-def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
+def run(robot, reference, sensing, impulses, law, buffers, first, last, p, v, obs, B_hat, record):
     """Run law and plant from period ``first`` up to ``last``, in place.
 
+    robot, reference, sensing, impulses: the plant and the episode's :class:`reference.Reference`,
+        :class:`disturbances.Sensing` and :class:`disturbances.Impulses`; law: what the controller does and believes.
     p, v: (n,) positions and velocities; obs: (n_o,) their observation; B_hat: (n_p, 3) virtual damping.
     record: written; its rows count from period 0.
 
@@ -118,8 +121,11 @@ def run(robot, reference, law, buffers, first, last, p, v, obs, B_hat, record):
         control(law, obs, B_hat, work, command)
         for k in range(len(command)):  # an action's bounds, as in the environment
             command[k] = min(max(command[k] / law.scale[k], -1.0), 1.0) * robot.scale[k]
+        hit(impulses, tick, robot.period, wrench)
         t_end = (tick + 1) * robot.period
         outcome = control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, record.signals[tick])
+        if outcome != NOT_FINITE:  # else the last observation stays
+            sense(robot, reference, sensing, tick + 1, buffers.p, buffers.v, buffers.step.dynamics, obs)
         if keep:
             assign(record.applied[row], buffers.applied)
             assign(record.q_flex[row], buffers.step.q_flex)

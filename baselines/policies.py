@@ -81,6 +81,41 @@ class LawPolicy:
         return actions.reshape(*np.shape(obs)[:-1], -1)
 
 
+class OraclePolicy(LawPolicy):
+    """A law that is told each episode's plant: what it gives with the right model of the robot.
+
+    Args:
+        name: what tables call it.
+        base: the policy whose law it is.
+        prior: what stands for the plant until :meth:`know`; of the same layout.
+    """
+
+    def __init__(self, name: str, base: str, prior: Params) -> None:
+        super().__init__(name, make_law(prior, **_LAWS[base]))
+        self._base = base
+        self._knows = False
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the plant, and put the virtual damping back to its start."""
+        super().reset(seed)
+        self._knows = False
+
+    def know(self, plant: Params) -> None:
+        """Take an episode's plant, ``env.unwrapped.plant``, for the model; call it after each reset."""
+        self.law = make_law(plant, **_LAWS[self._base])
+        self._knows = True
+
+    def __call__(self, obs: Array) -> Array:
+        """Actions for one observation; see :class:`Policy`.
+
+        Raises:
+            ValueError: if nobody told the plant since the reset.
+        """
+        if not self._knows:
+            raise ValueError(f"{self.name} has to be told the plant after each reset: policy.know(env.unwrapped.plant)")
+        return super().__call__(obs)
+
+
 class RandomPolicy:
     """Uniform actions over the whole range.
 
@@ -111,7 +146,10 @@ POLICIES = {
     "ahsc-filtered": "the same with the filtered output (Y = e_dot + psi e)",
     "hsc-tuned": "HSC with the best constant damping that an optimiser found, see configs/policies",
     "lqr": "not of the paper: optimal active feedback of the panels about their quasi-static shape",
+    "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
+    "ahsc-oracle": "AHSC told each episode's plant",
 }
+ORACLES = {"hsc": "hsc-oracle", "ahsc": "ahsc-oracle"}  # the same laws with the right model
 _LAWS = {
     "none": {"active": False, "adaptive": False},
     "hsc": {"active": True, "adaptive": False},
@@ -143,7 +181,10 @@ def make_policy(name: str, env: Any) -> Policy:
         prior = load_damping().applied_to(prior)
     elif name == "lqr":
         prior, effort_weight = prior.with_overrides("suppression.B0=[0, 0, 0]"), load_weights().effort
-    policy = LawPolicy(name, make_law(prior, **_LAWS[name], effort_weight=effort_weight))
+    if name in ORACLES.values():
+        policy: LawPolicy = OraclePolicy(name, name.removesuffix("-oracle"), prior)
+    else:
+        policy = LawPolicy(name, make_law(prior, **_LAWS[name], effort_weight=effort_weight))
     _warn_of_unstable_sampling(policy, prior)
     return policy
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from baselines.closed_loop import Record, run
-from baselines.policies import LawPolicy, Policy
+from baselines.policies import LawPolicy, OraclePolicy, Policy
 from sffr_gym.beam import Array
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.episode import Episode
 from sffr_gym.model import n_positions
+from sffr_gym.observation import Field
 from sffr_gym.reference import Reference
-from sffr_gym.task import N_SIGNALS, REASONS, RUNNING, SIGNALS, make_buffers
+from sffr_gym.task import N_SIGNALS, REASONS, RUNNING, SIGNALS, make_buffers, make_robot, view
 
 STRIDE = 25  # control periods between recorded states: 50 ms at the default period
 PIECE = 2000  # control periods between two reports of progress
@@ -32,10 +34,9 @@ class Trajectory:
         signals: (n_ticks, N_SIGNALS) see ``task.SIGNALS``.
         t: (rows,) times of the recorded states [s].
         p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) see :class:`closed_loop.Record`.
-        reference: the desired motion.
+        episode: what the scenario drew: plant, reference and all the rest.
         fields: layout of the observation.
         failure: why it ended early; empty if it did not.
-        drawn: what the scenario drew.
     """
 
     policy: str
@@ -51,10 +52,19 @@ class Trajectory:
     B_hat: Array
     q_flex: Array
     lam: Array
-    reference: Reference
-    fields: dict[str, Any]
+    episode: Episode
+    fields: dict[str, Field]
     failure: str
-    drawn: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def reference(self) -> Reference:
+        """The desired motion."""
+        return self.episode.reference
+
+    @property
+    def drawn(self) -> dict[str, float]:
+        """The values that the scenario drew."""
+        return self.episode.drawn
 
 
 def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None) -> Trajectory:
@@ -66,9 +76,11 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
         seed: of the episode; the same seed gives the same episode to every policy.
         progress: called with the number of control periods done since its last call.
     """
-    obs, info = env.reset(seed=seed)
+    obs, _ = env.reset(seed=seed)
     policy.reset(seed=seed)
-    ticks = env.scenario.ticks(env.params)
+    if isinstance(policy, OraclePolicy):
+        policy.know(env.plant)
+    ticks = env.ticks
     record = _make_record(env, ticks)
     report = progress or (lambda _: None)
     if isinstance(policy, LawPolicy):
@@ -80,20 +92,32 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
     return Trajectory(
         policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.robot.period,
         signals=record.signals[:done], t=np.linspace(0.0, (rows - 1) * STRIDE * env.robot.period, rows), **kept,
-        reference=env.reference, fields=env.fields, failure=failure, drawn=info["drawn"],
+        episode=env.episode, fields=env.fields, failure=failure,
     )  # fmt: skip
+
+
+def true_observations(trajectory: Trajectory) -> Array:
+    """What a policy would have seen at the recorded times (rows, n_o) without noise and delay."""
+    robot = make_robot(trajectory.episode.plant)
+    buffers, signals, obs = make_buffers(robot), np.zeros(N_SIGNALS), np.zeros_like(trajectory.obs)
+    for row, t in enumerate(trajectory.t):
+        view(robot, trajectory.reference, t, trajectory.p[row], trajectory.v[row], buffers, obs[row], signals)
+    return obs
 
 
 def _run_compiled(
     env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
 ) -> tuple[int, str]:
     """The compiled closed loop, in pieces so that progress can be shown."""
-    p, v, obs, B_hat = env.positions, env.velocities, obs.copy(), policy.initial_damping()
+    p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
     buffers = make_buffers(env.robot)
     done, outcome = 0, RUNNING
     while done < ticks and outcome == RUNNING:
         end = min(done + PIECE, ticks)
-        reached, outcome = run(env.robot, env.reference, policy.law, buffers, done, end, p, v, obs, B_hat, record)
+        reached, outcome = run(
+            env.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, done, end, p, v, obs,
+            B_hat, record,
+        )  # fmt: skip
         progress(reached - done)
         done = reached
     return done, REASONS[outcome]

@@ -12,12 +12,15 @@ import numpy as np
 
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
+from sffr_gym.disturbances import Impulses, Sensing, hit, sense
+from sffr_gym.episode import Episode
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
-from sffr_gym.scenario import Episode
-from sffr_gym.task import N_SIGNALS, REWARDS, Robot, control_period, make_buffers, reward_terms, view
+from sffr_gym.scenario import MOST_IMPULSES
+from sffr_gym.task import N_SIGNALS, NOT_FINITE, REWARDS, Robot, control_period, make_buffers, reward_terms, view
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+NEVER = -1  # control period of a blow that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
 
 
@@ -29,6 +32,8 @@ class Batch(NamedTuple):
         p, v: (n, n_p) positions and velocities.
         reference: (n, 10) numbers of each :class:`Reference`; joints: (n, n_l) its joint angles.
         wrench: (n, 3) force of the surroundings on the base, base axes.
+        level: (n, n_o), key, delay: (n,) of each :class:`disturbances.Sensing`.
+        impulse_tick: (n, MOST_IMPULSES), impulse: (n, MOST_IMPULSES, 3) of each :class:`disturbances.Impulses`.
         obs, reward, terms, signals: what the last period gave.
         applied: (n, n_u) commands after the limits.
         clipped: (n,) how many entries of the last action lay beyond [-1, 1].
@@ -41,6 +46,11 @@ class Batch(NamedTuple):
     reference: Array
     joints: Array
     wrench: Array
+    level: Array
+    key: IntArray
+    delay: IntArray
+    impulse_tick: IntArray
+    impulse: Array
     obs: Array
     reward: Array
     terms: Array
@@ -56,28 +66,37 @@ def make_batch(robot: Robot, n: int) -> Batch:
     return Batch(
         tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
         reference=np.zeros((n, len(Reference._fields) - 1)), joints=np.zeros((n, len(robot.model.link_mass))),
-        wrench=np.zeros((n, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n), terms=np.zeros((n, len(REWARDS))),
-        signals=np.zeros((n, N_SIGNALS)), applied=np.zeros((n, n_u)), clipped=np.zeros(n, dtype=np.int64),
-        status=np.zeros(n, dtype=np.int64),
+        wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)), key=np.zeros(n, dtype=np.int64),
+        delay=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
+        impulse=np.zeros((n, MOST_IMPULSES, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n),
+        terms=np.zeros((n, len(REWARDS))), signals=np.zeros((n, N_SIGNALS)), applied=np.zeros((n, n_u)),
+        clipped=np.zeros(n, dtype=np.int64), status=np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
 
 def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
-    """Put environment ``i`` at the start of an episode, observed and measured."""
+    """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do."""
     for array in batch:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
     batch.reference[i], batch.joints[i] = episode.reference[:-1], episode.reference.joints
+    batch.level[i], batch.key[i], batch.delay[i] = episode.sensing
+    count = len(episode.impulses.tick)
+    batch.impulse_tick[i] = NEVER
+    batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
     view_one(robot, batch, i)
 
 
 @kernel(allocates=True)
 def view_one(robot, batch, i):
-    """Observe and measure environment ``i`` at its present time, without a step."""
+    """Observe and measure environment ``i`` at its present time, without a step; late sensors see it as it is."""
+    buffers, reference = make_buffers(robot), _reference(batch, i)
     view(
-        robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], make_buffers(robot),
-        batch.obs[i], batch.signals[i],
-    )  # fmt: skip
+        robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], buffers, batch.obs[i], batch.signals[i]
+    )
+    sense(
+        robot, reference, _sensing(batch, i), batch.tick[i], batch.p[i], batch.v[i], buffers.step.dynamics, batch.obs[i]
+    )
 
 
 def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:
@@ -113,11 +132,18 @@ def step_range(robot, batch, actions, active, first, last):
             action = min(max(actions[i, k], -1.0), 1.0)
             batch.clipped[i] += action != actions[i, k]
             command[k] = action * robot.scale[k]
+        reference = _reference(batch, i)
+        hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
         batch.tick[i] += 1
         batch.status[i] = control_period(
-            robot, _reference(batch, i), batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
+            robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
             batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
         )  # fmt: skip
+        if batch.status[i] != NOT_FINITE:  # else the last observation stays
+            sense(
+                robot, reference, _sensing(batch, i), batch.tick[i], buffers.p, buffers.v, buffers.step.dynamics,
+                batch.obs[i],
+            )  # fmt: skip
         assign(batch.applied[i], buffers.applied)
         batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
 
@@ -130,6 +156,11 @@ def _pool() -> ThreadPoolExecutor:
 
 if hasattr(os, "register_at_fork"):  # threads do not survive a fork: the child makes its own
     os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+@kernel(inline=True, allocates=True)
+def _sensing(batch, i):
+    return Sensing(batch.level[i], batch.key[i], batch.delay[i])
 
 
 @kernel(inline=True, allocates=True)

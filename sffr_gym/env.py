@@ -10,13 +10,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sffr_gym.batch import make_batch, start_episode, step_batch, view_one
+from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
+from sffr_gym.episode import Episode, draw
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.reference import Reference
+from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator, State
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, make_robot
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
@@ -115,8 +117,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
         self._batch = make_batch(self.robot, 1)
-        self._drawn: dict[str, float] = {}
-        self._ticks = 0
+        self._episode: Episode | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -130,8 +131,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
         episode = draw(self.scenario, self.params, self.robot.model, self.np_random)
-        self.reference, self._drawn = episode.reference, episode.drawn
-        self._ticks = self.scenario.ticks(self.params)
+        self._episode = episode
         start_episode(self.robot, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()
 
@@ -142,14 +142,35 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             ValueError: for an action of the wrong shape or with NaN.
             gymnasium.error.ResetNeeded: before the first reset.
         """
-        if self._ticks == 0:
-            raise gym.error.ResetNeeded("call reset before step")
+        ticks = self.ticks
         action = check_action(action, self.robot.scale.shape)
         batch = self._batch
         step_batch(self.robot, batch, action[None], _ONE)
         terminated = bool(batch.status[0] != RUNNING)
-        truncated = bool(batch.tick[0] >= self._ticks)
+        truncated = bool(batch.tick[0] >= ticks)
         return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
+
+    @property
+    def episode(self) -> Episode:
+        """What the scenario drew for this episode; raises gymnasium.error.ResetNeeded before the first reset."""
+        if self._episode is None:
+            raise gym.error.ResetNeeded("call reset before step")
+        return self._episode
+
+    @property
+    def reference(self) -> Reference:
+        """The desired motion of this episode."""
+        return self.episode.reference
+
+    @property
+    def plant(self) -> Params:
+        """The robot of this episode as it is; ``params`` is what the controllers believe."""
+        return self.episode.plant
+
+    @property
+    def ticks(self) -> int:
+        """Length of this episode in control periods."""
+        return self.episode.ticks
 
     @property
     def time(self) -> float:
@@ -172,18 +193,14 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def get_state(self) -> dict[str, Any]:
         """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
-        kept = {"batch": self._batch, "rng": self.np_random, "ticks": self._ticks, "drawn": self._drawn}
-        return copy.deepcopy(kept | {"scenario": self.scenario, "reference": getattr(self, "reference", None)})
+        kept = {"batch": self._batch, "rng": self.np_random, "scenario": self.scenario, "episode": self._episode}
+        return copy.deepcopy(kept)
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
         state = copy.deepcopy(dict(state))
-        self._batch, self.np_random, self._ticks = state["batch"], state["rng"], state["ticks"]
-        self.scenario, self.reference, self._drawn = state["scenario"], state["reference"], state["drawn"]
-        signals = self._batch.signals.copy()  # those of the last step, its command included
-        view_one(self.robot, self._batch, 0)
-        self._batch.signals[:] = signals
-        np.clip(self._batch.obs, -self.robot.bound, self.robot.bound, out=self._batch.obs)
+        self._batch, self.np_random = state["batch"], state["rng"]
+        self.scenario, self._episode = state["scenario"], state["episode"]
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
@@ -191,7 +208,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
         info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
         info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": REASONS[int(batch.status[0])]}
-        return info | {"applied": batch.applied[0].copy(), "drawn": dict(self._drawn)}
+        info["cost"] = float(cost(batch.signals[0], batch.status[0]))
+        return info | {"applied": batch.applied[0].copy(), "drawn": dict(self.episode.drawn)}
 
 
 def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -> Params:

@@ -39,6 +39,17 @@ class Field(NamedTuple):
         """The field's place in an observation."""
         return slice(self.start, self.start + self.size)
 
+    @property
+    def units(self) -> list[str]:
+        """The unit of each number."""
+        units = self.unit.split(", ")
+        return units * (self.size // len(units))
+
+    @property
+    def measured(self) -> bool:
+        """Whether sensors give it; the reference's motion is what the task asks for, and known."""
+        return not self.name.startswith("reference_")
+
 
 def held_joints(model: Model) -> IntArray:
     """Joints that the task asks to hold their angles: all but the first two of each grasping arm."""

@@ -1,4 +1,7 @@
-"""Scenarios: named distributions of episodes, read from YAML (``configs/scenarios``) and drawn with a seed."""
+"""Scenarios: named distributions of episodes, read from YAML (``configs/scenarios``); ``episode.py`` draws from them.
+
+Every key stands for one drawn quantity or a group of them, in SI units; what a file leaves out is not drawn.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +9,80 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from typing import Annotated, NamedTuple
+from math import ceil, inf
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
 
 from sffr_gym import config
-from sffr_gym.beam import N_TIP, Array
-from sffr_gym.initial import initial_positions, match_velocities
-from sffr_gym.kinematics import rotation
-from sffr_gym.model import N_BASE, Model, mode_slice, object_slice
-from sffr_gym.params import ConfigError, Params
-from sffr_gym.reference import Reference, circle_reference
-from sffr_gym.sections import Section
+from sffr_gym.params import Params
+from sffr_gym.sections import NonNegative, Section
 
-Interval = Annotated[tuple[float, float], Field(description="lower and upper end of a uniform distribution")]
+TASK = "SFFRFlex-v0"  # whose observation, reward and ends an episode has; a part of every hash
+MOST_IMPULSES = 8  # of an episode
+
+
+def _within(least: float, most: float) -> AfterValidator:
+    """Check that an interval is ordered and lies in a range."""
+    allowed = f"{least:g} <= lower <= upper" + (f" <= {most:g}" if most < inf else "")
+
+    def check(ends: tuple[float, float]) -> tuple[float, float]:
+        if not least <= ends[0] <= ends[1] <= most:
+            reason = f"must be the ends of a uniform distribution, {allowed}"
+            raise PydanticCustomError(config.CHECK, "{reason}", {"reason": reason})
+        return ends
+
+    return AfterValidator(check)
+
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Amplitude = Annotated[tuple[float, float], _within(0.0, inf)]
+Speed = Annotated[tuple[float, float], _within(0.01, 10.0)]  # m/s
+Factor = Annotated[tuple[float, float], _within(0.01, 100.0)]
 
 
 class PanelMode(Section):
     """Excitation of one bending mode of every panel, drawn for each panel alone."""
 
     mode: int = Field(ge=1, description="bending mode, 1 is the lowest")
-    amplitude: Interval = Field(description="transverse tip amplitude [m]")
+    amplitude: Amplitude = Field(description="transverse tip amplitude [m]")
+
+
+class PlantFactors(Section):
+    """What the plant is, as factors on what the controllers believe."""
+
+    object: Factor | None = Field(default=None, description="mass and inertia of the object, one factor for both [-]")
+    EI: Factor | None = Field(default=None, description="bending stiffness of the panels [-]")
+    panel_mass: Factor | None = Field(default=None, description="mass of the panels [-]")
+    link_mass: Factor | None = Field(default=None, description="mass and inertia of each link, drawn for each [-]")
+
+
+class Sensors(Section):
+    """Errors of the measured fields of the observation: white noise by unit, and a delay of one control period."""
+
+    position: NonNegative = Field(default=0.0, description="noise of positions and displacements, rms [m]")
+    angle: NonNegative = Field(default=0.0, description="noise of angles and slopes, rms [rad]")
+    velocity: NonNegative = Field(default=0.0, description="noise of velocities, rms [m/s]")
+    rate: NonNegative = Field(default=0.0, description="noise of angular rates, rms [rad/s]")
+    delay: Probability = Field(default=0.0, description="part of the episodes that measure one period late [-]")
+
+
+class Fault(Section):
+    """Actuators that have lost a part of their limit, unknown to the controllers."""
+
+    actuators: Literal["piezo", "thruster", "joint"] = Field(
+        description="piezos of one drawn panel, all thrusters, or all joints [-]"
+    )
+    remaining: Probability = Field(description="part of the limit that is left; 0 is dead [-]")
+
+
+class ImpulseDraws(Section):
+    """Blows on the base, each spread over one control period at a random time; base axes."""
+
+    count: int = Field(ge=1, le=MOST_IMPULSES, description="number of blows in an episode [-]")
+    linear: NonNegative = Field(description="largest impulse of the force, any direction [N s]")
+    angular: NonNegative = Field(description="largest impulse of the moment, either sign [N m s]")
 
 
 class Scenario(Section):
@@ -35,6 +90,8 @@ class Scenario(Section):
 
     ``offset_position`` and ``offset_angle`` are the largest shift of robot and object as one from the path, uniform
     over a disc and an interval. ``panel_modes`` replaces the configured elastic state by free vibration of any phase.
+    With a drawn ``speed`` the robot starts as fast as the path. ``plant`` and ``faults`` change the plant alone: the
+    controllers go on with the parameters of the case study.
     """
 
     name: str = Field(description="name of the scenario")
@@ -43,34 +100,25 @@ class Scenario(Section):
     panel_modes: tuple[PanelMode, ...] = Field(default=(), description="excited bending modes")
     offset_position: float = Field(default=0.0, ge=0.0, le=1.0, description="largest shift off the path [m]")
     offset_angle: float = Field(default=0.0, ge=0.0, le=1.0, description="largest turn off the path [rad]")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Scenario:
-        for excited in self.panel_modes:
-            low, high = excited.amplitude
-            if not 0.0 <= low <= high:
-                raise ValueError(f"amplitude must be 0 <= lower <= upper [m], got {[low, high]}")
-        return self
+    speed: Speed | None = Field(default=None, description="speed along the path [m/s]")
+    plant: PlantFactors = Field(default=PlantFactors(), description="what the controllers are wrong about")
+    sensors: Sensors = Field(default=Sensors(), description="errors of the observation")
+    faults: tuple[Fault, ...] = Field(default=(), description="faults, of which each episode has one")
+    impulses: ImpulseDraws | None = Field(default=None, description="blows on the base")
 
     def ticks(self, params: Params) -> int:
-        """Length of an episode in control periods."""
+        """Length in control periods of an episode with these parameters, the drawn speed among them."""
         duration = params.path.period if self.duration is None else self.duration
-        return int(np.ceil(duration / params.control.period - 1e-9))
+        return ceil(duration / params.control.period - 1e-9)
 
+    @property
+    def changes_model(self) -> bool:
+        """Whether the plant is another one than the controllers believe."""
+        return self.plant != PlantFactors()
 
-class Episode(NamedTuple):
-    """One draw of a scenario.
-
-    Attributes:
-        p, v: (n,) positions and velocities at the start.
-        reference: the desired motion.
-        drawn: the values that were drawn, by name with unit.
-    """
-
-    p: Array
-    v: Array
-    reference: Reference
-    drawn: dict[str, float]
+    def hash(self, params: Params) -> str:
+        """Hash of everything that defines the episodes of a seed: task, scenario (its wording apart), parameters."""
+        return suite_hash([self], params)
 
 
 def load_scenario(name: str | os.PathLike[str]) -> Scenario:
@@ -83,63 +131,6 @@ def load_scenario(name: str | os.PathLike[str]) -> Scenario:
     return config.build(Scenario, data, where)
 
 
-def draw(scenario: Scenario, params: Params, model: Model, rng: np.random.Generator) -> Episode:
-    """Draw an episode; the same generator state gives the same episode.
-
-    Raises:
-        ConfigError: if the scenario excites a mode that the panels do not have.
-    """
-    p, v = initial_positions(params, model)
-    reference = circle_reference(params, model, p)
-    drawn: dict[str, float] = {}
-    if scenario.panel_modes:
-        _excite(scenario, model, p, v, rng, drawn)
-    _offset(scenario, model, p, v, rng, drawn)
-    return Episode(p, v, reference, drawn)
-
-
-def _excite(
-    scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: dict[str, float]
-) -> None:
-    """Set every panel to free vibration in the drawn modes, in place."""
-    at, shape = mode_slice(model), model.omega2.shape
-    amplitudes, rates = np.zeros(shape), np.zeros(shape)
-    for panel in range(shape[0]):
-        for excited in scenario.panel_modes:
-            mode = model.n_axial + excited.mode - 1
-            if mode >= shape[1]:
-                raise ConfigError(
-                    f"{scenario.name}: panel_modes: mode {excited.mode} is not there; the panels have "
-                    f"{shape[1] - model.n_axial} bending modes (panel.elements, panel.bending_cut)"
-                )
-            tip, phase = rng.uniform(*excited.amplitude), rng.uniform(0.0, 2.0 * np.pi)
-            amplitude = tip / model.shapes[panel, -N_TIP + 1, mode]
-            amplitudes[panel, mode] = amplitude * np.cos(phase)
-            rates[panel, mode] = -amplitude * np.sqrt(model.omega2[panel, mode]) * np.sin(phase)
-            drawn[f"panel{panel}_mode{excited.mode}_tip_m"] = tip
-            drawn[f"panel{panel}_mode{excited.mode}_phase_rad"] = phase
-    p[at], v[at] = amplitudes.ravel(), rates.ravel()
-
-
-def _offset(
-    scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: dict[str, float]
-) -> None:
-    """Shift and turn robot and object as one about the object, in place; the base keeps its velocity."""
-    if scenario.offset_position == 0.0 and scenario.offset_angle == 0.0:
-        return
-    distance = scenario.offset_position * np.sqrt(rng.uniform())
-    direction, angle = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-1.0, 1.0) * scenario.offset_angle
-    drawn |= {"offset_m": distance, "offset_direction_rad": direction, "offset_angle_rad": angle}
-    carried = object_slice(model) if model.object_mass > 0 else slice(0, N_BASE)
-    pivot = p[carried][:2].copy()
-    shift = distance * np.array([np.cos(direction), np.sin(direction)])
-    p[:2] = pivot + shift + rotation(angle) @ (p[:2] - pivot)
-    p[2] += angle
-    if model.object_mass > 0:
-        p[carried] += np.append(shift, angle)
-        match_velocities(model, p, v)
-
-
 def scenario_names() -> list[str]:
     """Names of the shipped scenarios."""
     return sorted(file.stem for file in (config.config_dir() / "scenarios").glob("*.yaml"))
@@ -150,11 +141,15 @@ def suite_hash(scenarios: Iterable[Scenario], params: Params) -> str:
 
     Comments, the order of keys and the descriptions are no part of it.
     """
-    values = {
+    values: dict[str, Any] = {
+        "task": TASK,
         "scenarios": sorted(
-            json.dumps(scenario.model_dump(mode="json", exclude={"description"}), sort_keys=True)
-            for scenario in scenarios
+            _canonical(scenario.model_dump(mode="json", exclude={"description"})) for scenario in scenarios
         ),
         "params": params.to_dict(),
     }
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(_canonical(values).encode()).hexdigest()[:16]
+
+
+def _canonical(values: dict[str, Any]) -> str:
+    return json.dumps(values, sort_keys=True, separators=(",", ":"))

@@ -6,7 +6,7 @@ Pure functions of the state; one source for the single environment, the batch an
 from __future__ import annotations
 
 from math import cos, hypot, isfinite, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -162,6 +162,17 @@ def reward_terms(robot, signals, terms):
     return terms[0] + terms[1] + terms[2]
 
 
+def cost(signals: Array, status: Any) -> Any:
+    """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0.
+
+    Args:
+        signals: (..., N_SIGNALS) of the period.
+        status: (...) of its end.
+    """
+    saturated = signals[..., [SAT_PIEZO, SAT_THRUST, SAT_JOINT]].any(axis=-1)
+    return (saturated | (status != RUNNING)).astype(np.float64)
+
+
 @kernel(inline=True)
 def _status(robot, p, v, obs, buffers):
     """Say whether a finite state lies in the model's range; call after ``observe``, whose result is bounded."""
@@ -248,7 +259,7 @@ def _measure_effort(robot, buffers, signals):
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(len(applied)):
-        beyond = 1.0 if abs(applied[k]) >= limit[k] else 0.0
+        beyond = 1.0 if abs(applied[k]) >= limit[k] > 0.0 else 0.0  # a dead actuator does not saturate
         if k < n_v:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += beyond / n_v

@@ -15,9 +15,10 @@ from gymnasium.vector.utils import batch_space
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
+from sffr_gym.episode import draw
 from sffr_gym.observation import observation_fields
-from sffr_gym.scenario import draw, load_scenario
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, make_robot
+from sffr_gym.scenario import load_scenario
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, make_robot
 
 Mask = np.ndarray
 Infos = dict[str, Any]
@@ -144,9 +145,8 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True
+            self._ticks[i] = episode.ticks if self._max_steps is None else min(episode.ticks, self._max_steps)
         self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
-        ticks = self.scenario.ticks(self.params)
-        self._ticks[mask] = ticks if self._max_steps is None else min(ticks, self._max_steps)
         self._done[mask] = False
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Mask) -> None:
@@ -181,7 +181,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "clipped": batch.clipped.copy(),
             "failure": _TEXTS[batch.status],
         }
-        infos |= {"applied": batch.applied.copy()}
+        infos |= {"cost": cost(batch.signals, batch.status), "applied": batch.applied.copy()}
         infos = _masked(infos, mask)
         drawn: Infos = {}
         for name, (values, has) in self._drawn.items():

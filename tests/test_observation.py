@@ -8,12 +8,13 @@ from oracle import Oracle
 
 from sffr_gym.batch import make_batch, start_episode, view_one
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.episode import draw
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import load_params
 from sffr_gym.reference import circle_points, circle_reference, desired
-from sffr_gym.scenario import Episode
+from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator
 from sffr_gym.task import make_robot
 
@@ -75,11 +76,12 @@ class Observer:
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
         self.fields = observation_fields(self.model, params)
+        self.episode = draw(load_scenario("nominal"), self.params, self.model, np.random.default_rng(0))
 
     def __call__(self, p, v, tick):
         """Return the observation (n_o,) of positions and velocities at a control tick."""
         batch = make_batch(self.robot, 1)
-        start_episode(self.robot, batch, 0, Episode(p, v, self.reference, {}))
+        start_episode(self.robot, batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
         batch.tick[0] = tick
         view_one(self.robot, batch, 0)
         return batch.obs[0]

@@ -8,9 +8,10 @@ import yaml
 
 from sffr_gym import ConfigError, Simulator
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.episode import draw
 from sffr_gym.kinematics import arm_points, rotation
 from sffr_gym.monolithic import constraint_jacobian
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.scenario import load_scenario
 
 ID = "SFFRFlex-v0"
 SEEDS = range(40)
@@ -212,13 +213,28 @@ def test_a_users_file_sets_what_is_drawn(simulator, user_scenario):
     [
         ({"durations": 1.0}, r"mine\.yaml:\d+: durations: unknown key; did you mean 'duration'"),
         ({"panel_modes": [{"mode": 1, "amplitud": [0, 1]}]}, "did you mean 'amplitude'"),
-        ({"panel_modes": [{"mode": 1, "amplitude": [0.2, 0.1]}]}, r"0 <= lower <= upper .* got \[0\.2, 0\.1\]"),
+        (
+            {"panel_modes": [{"mode": 1, "amplitude": [0.2, 0.1]}]},
+            r"mine\.yaml:\d+: panel_modes\.0\.amplitude = \[0\.2, 0\.1\]: .* 0 <= lower <= upper",
+        ),
         ({"panel_modes": [{"mode": 1, "amplitude": [-0.2, 0.1]}]}, "0 <= lower <= upper"),
         ({"panel_modes": [{"mode": 1, "amplitude": [0.1]}]}, "amplitude"),
         ({"panel_modes": [{"mode": 0, "amplitude": [0, 0.1]}]}, "panel_modes.0.mode = 0: must be at least 1"),
         ({"duration": 0}, "duration = 0: must be greater than 0"),
         ({"duration": "long"}, "duration = 'long': must be a number"),
         ({"offset_position": -0.1}, "offset_position = -0.1: must be at least 0"),
+        ({"speed": [1.2, 0.6]}, r"mine\.yaml:\d+: speed = \[1\.2, 0\.6\]: .* 0\.01 <= lower <= upper <= 10"),
+        ({"speed": [0.0, 0.6]}, "speed = .* 0.01 <= lower"),
+        ({"plant": {"links_mass": [0.7, 1.3]}}, "plant.links_mass: unknown key; did you mean 'link_mass'"),
+        ({"plant": {"object": [1.0, 101.0]}}, "plant.object = .* 0.01 <= lower <= upper <= 100"),
+        ({"plant": {"link_mass": 1.1}}, r"plant.link_mass = 1\.1: must be a list \(.*each link"),
+        ({"sensors": {"position": -1.0e-4}}, r"sensors.position = -0\.0001: must be at least 0 .*\[m\]"),
+        ({"sensors": {"delay": 2}}, "sensors.delay = 2: must be at most 1"),
+        ({"faults": [{"actuators": "thrusters", "remaining": 0.5}]}, "must be 'piezo', 'thruster' or 'joint'"),
+        ({"faults": [{"actuators": "joint", "remaining": 1.5}]}, "faults.0.remaining = 1.5: must be at most 1"),
+        ({"faults": [{"actuators": "joint"}]}, "faults.0.remaining: missing"),
+        ({"impulses": {"count": 9, "linear": 1.0, "angular": 1.0}}, "impulses.count = 9: must be at most 8"),
+        ({"impulses": {"count": 0, "linear": 1.0, "angular": 1.0}}, "impulses.count = 0: must be at least 1"),
         ({"name": None}, "name"),
     ],
 )

@@ -16,8 +16,9 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from sffr_gym import ConfigError, batch
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.episode import draw
 from sffr_gym.params import load_params
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.scenario import load_scenario
 from sffr_gym.task import REASONS, RUNNING, make_robot
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 

@@ -106,7 +106,7 @@ class Plan:
             "version": package_version("sffr-gym"),
             "code": code_hash(),
             "config_hash": self.params.hash(),
-            "scenarios": {each.name: suite_hash([each], self.params) for each in map(load_scenario, self.scenarios)},
+            "scenarios": {each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
         }
 
 

@@ -1,0 +1,260 @@
+"""Episodes: one draw of a scenario, with its plant, start, reference, sensors, faults and impulses.
+
+All random numbers come from one generator, in this order, each only if the scenario draws it: path speed; factors of
+object, EI, panel mass and the links one by one; each panel's modes (amplitude, phase); offset (distance, direction,
+angle); fault, and the panel that it hits; impulse by impulse its time, size, direction and moment; delay; the seed of
+the noise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sffr_gym.actuators import Actuators
+from sffr_gym.beam import N_TIP, Array
+from sffr_gym.disturbances import KEYS, Impulses, Sensing
+from sffr_gym.initial import initial_positions, match_velocities
+from sffr_gym.kinematics import perpendicular, rotation
+from sffr_gym.model import N_BASE, Model, mode_slice, object_slice, pack
+from sffr_gym.observation import Field, observation_fields
+from sffr_gym.params import ConfigError, Params
+from sffr_gym.reference import Reference, circle_reference
+from sffr_gym.scenario import ImpulseDraws, PlantFactors, Scenario, Sensors
+from sffr_gym.sections import Arm, Panel
+
+Drawn = dict[str, float]
+_KINDS = {"m": "position", "rad": "angle", "m/s": "velocity", "rad/s": "rate"}  # key of Sensors by unit
+
+
+class Health(NamedTuple):
+    """What is left of the actuators' limits: of each panel's piezos (n_p,), of the thrusters and of the joints."""
+
+    piezo: Array
+    thruster: float
+    joint: float
+
+    def left(self, actuators: Actuators) -> Array:
+        """The part (n_u,) of each actuator's limit that is left, laid out as a command is."""
+        n_p, _, n_c = actuators.K_PZ.shape
+        n_joints = len(actuators.limit) - n_p * n_c - N_BASE
+        return np.concatenate([np.repeat(self.piezo, n_c), [self.thruster] * N_BASE, [self.joint] * n_joints])
+
+
+class Episode(NamedTuple):
+    """One draw of a scenario.
+
+    Attributes:
+        p, v: (n,) positions and velocities of the plant at the start.
+        reference: the desired motion, which all know.
+        plant: the robot as it is.
+        prior: the robot as the controllers believe it to be, with the drawn path speed.
+        ticks: length in control periods.
+        health: what is left of the actuators' limits.
+        impulses: blows on the base.
+        sensing: errors of the observation.
+        drawn: the values that were drawn, by name with unit; the same names in every draw of a scenario.
+    """
+
+    p: Array
+    v: Array
+    reference: Reference
+    plant: Params
+    prior: Params
+    ticks: int
+    health: Health
+    impulses: Impulses
+    sensing: Sensing
+    drawn: Drawn
+
+
+def draw(scenario: Scenario, params: Params, model: Model, rng: np.random.Generator) -> Episode:
+    """Draw an episode; the same generator state gives the same episode.
+
+    Args:
+        scenario: what to draw.
+        params: what the controllers believe.
+        model: packed from it.
+        rng: the only source of random numbers.
+
+    Raises:
+        ConfigError: if the scenario asks for a mode, an object or a panel that the robot does not have.
+    """
+    drawn: Drawn = {}
+    prior = _draw_speed(scenario, params, rng, drawn)
+    plant = _draw_plant(scenario, prior, rng, drawn)
+    if plant is not prior:
+        model = pack(plant)
+    p, v = initial_positions(plant, model)
+    reference = circle_reference(prior, model, p)
+    _keep_up(prior.path.speed - params.path.speed, reference, model, p, v)
+    if scenario.panel_modes:
+        _excite(scenario, model, p, v, rng, drawn)
+    _offset(scenario, model, p, v, rng, drawn)
+    ticks = scenario.ticks(prior)
+    health = _draw_fault(scenario, len(model.panel_root), rng, drawn)
+    impulses = _draw_impulses(scenario.impulses, ticks, prior.control.period, rng, drawn)
+    sensing = _draw_sensing(scenario.sensors, observation_fields(model, prior), rng, drawn)
+    return Episode(p, v, reference, plant, prior, ticks, health, impulses, sensing, drawn)
+
+
+def noise_level(sensors: Sensors, fields: dict[str, Field]) -> Array:
+    """Standard deviation (n_o,) of each number of the observation, by its unit; the reference is not measured."""
+    levels = [
+        getattr(sensors, _KINDS[unit]) if field.measured else 0.0 for field in fields.values() for unit in field.units
+    ]
+    return np.array(levels)
+
+
+def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, drawn: Drawn) -> Params:
+    """The parameters with the drawn path speed."""
+    if scenario.speed is None:
+        return params
+    drawn["path_speed_m_s"] = speed = rng.uniform(*scenario.speed)
+    return params.model_copy(update={"path": params.path.model_copy(update={"speed": speed})})
+
+
+def _draw_plant(scenario: Scenario, prior: Params, rng: np.random.Generator, drawn: Drawn) -> Params:
+    """The plant that the factors make of what the controllers believe; the very same object if none is drawn."""
+    if not scenario.changes_model:
+        return prior
+    factors = scenario.plant
+    changes: dict[str, Any] = {}
+    if factors.object is not None:
+        if prior.object is None:
+            raise ConfigError(f"{scenario.name}: plant.object: the robot carries no object")
+        drawn["object_factor"] = factor = rng.uniform(*factors.object)
+        scaled = {"mass": factor * prior.object.mass, "inertia": factor * prior.object.inertia}
+        changes["object"] = prior.object.model_copy(update=scaled)
+    changes["panel"] = _draw_panel(factors, prior.panel, rng, drawn)
+    if factors.link_mass is not None:
+        changes["arms"] = tuple(_draw_arm(arm, factors.link_mass, rng, drawn) for arm in prior.arms)
+    return prior.model_copy(update=changes)
+
+
+def _draw_panel(factors: PlantFactors, panel: Panel, rng: np.random.Generator, drawn: Drawn) -> Panel:
+    """The panels with drawn stiffness and mass.
+
+    The mode cuts go with the clamped frequencies, bending ones by ``sqrt(EI / mass)`` and axial ones by
+    ``sqrt(1 / mass)``, so that every plant has the modes of the prior.
+    """
+    stiffness = mass = 1.0
+    if factors.EI is not None:
+        drawn["EI_factor"] = stiffness = rng.uniform(*factors.EI)
+    if factors.panel_mass is not None:
+        drawn["panel_mass_factor"] = mass = rng.uniform(*factors.panel_mass)
+    scaled = {
+        "EI": stiffness * panel.EI,
+        "mass": mass * panel.mass,
+        "bending_cut": np.sqrt(stiffness / mass) * panel.bending_cut,
+        "axial_cut": np.sqrt(1.0 / mass) * panel.axial_cut,
+    }
+    return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
+
+
+def _draw_arm(arm: Arm, interval: tuple[float, float], rng: np.random.Generator, drawn: Drawn) -> Arm:
+    """An arm whose links have drawn masses, and inertias to match."""
+    links = []
+    for k, link in enumerate(arm.links):
+        drawn[f"{arm.name}_link{k + 1}_mass_factor"] = factor = rng.uniform(*interval)
+        links.append(link.model_copy(update={"mass": factor * link.mass, "inertia": factor * link.inertia}))
+    return arm.model_copy(update={"links": tuple(links)})
+
+
+def _keep_up(faster: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
+    """Start robot and object as one so much faster along the path [m/s], in place."""
+    if faster == 0.0:
+        return
+    turn = reference.turning * faster / reference.radius
+    from_object = np.array([reference.base_x, reference.base_y])
+    v[:2] += faster * np.array([np.cos(reference.phase), np.sin(reference.phase)]) + turn * perpendicular(from_object)
+    v[2] += turn
+    if model.object_mass > 0:
+        match_velocities(model, p, v)
+
+
+def _excite(scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: Drawn) -> None:
+    """Set every panel to free vibration in the drawn modes, in place."""
+    at, shape = mode_slice(model), model.omega2.shape
+    amplitudes, rates = np.zeros(shape), np.zeros(shape)
+    for panel in range(shape[0]):
+        for excited in scenario.panel_modes:
+            mode = model.n_axial + excited.mode - 1
+            if mode >= shape[1]:
+                raise ConfigError(
+                    f"{scenario.name}: panel_modes: mode {excited.mode} is not there; the panels have "
+                    f"{shape[1] - model.n_axial} bending modes (panel.elements, panel.bending_cut)"
+                )
+            tip, phase = rng.uniform(*excited.amplitude), rng.uniform(0.0, 2.0 * np.pi)
+            amplitude = tip / model.shapes[panel, -N_TIP + 1, mode]
+            amplitudes[panel, mode] = amplitude * np.cos(phase)
+            rates[panel, mode] = -amplitude * np.sqrt(model.omega2[panel, mode]) * np.sin(phase)
+            drawn[f"panel{panel}_mode{excited.mode}_tip_m"] = tip
+            drawn[f"panel{panel}_mode{excited.mode}_phase_rad"] = phase
+    p[at], v[at] = amplitudes.ravel(), rates.ravel()
+
+
+def _offset(scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: Drawn) -> None:
+    """Shift and turn robot and object as one about the object, in place; the base keeps its velocity."""
+    if scenario.offset_position == 0.0 and scenario.offset_angle == 0.0:
+        return
+    distance = float(scenario.offset_position * np.sqrt(rng.uniform()))
+    direction, angle = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-1.0, 1.0) * scenario.offset_angle
+    drawn |= {"offset_m": distance, "offset_direction_rad": direction, "offset_angle_rad": angle}
+    carried = object_slice(model) if model.object_mass > 0 else slice(0, N_BASE)
+    pivot = p[carried][:2].copy()
+    shift = distance * np.array([np.cos(direction), np.sin(direction)])
+    p[:2] = pivot + shift + rotation(angle) @ (p[:2] - pivot)
+    p[2] += angle
+    if model.object_mass > 0:
+        p[carried] += np.append(shift, angle)
+        match_velocities(model, p, v)
+
+
+def _draw_fault(scenario: Scenario, n_panels: int, rng: np.random.Generator, drawn: Drawn) -> Health:
+    """Draw one of the scenario's faults."""
+    piezo, thruster, joint = np.ones(n_panels), 1.0, 1.0
+    if scenario.faults:
+        fault = scenario.faults[rng.integers(len(scenario.faults))]
+        if fault.actuators == "piezo":
+            if n_panels == 0:
+                raise ConfigError(f"{scenario.name}: faults: the robot has no panel whose piezos could fail")
+            piezo[rng.integers(n_panels)] = fault.remaining
+        elif fault.actuators == "thruster":
+            thruster = fault.remaining
+        else:
+            joint = fault.remaining
+        drawn |= {f"panel{i}_piezo_left": left for i, left in enumerate(piezo.tolist())}
+        drawn |= {"thruster_left": thruster, "joint_left": joint}
+    return Health(piezo, thruster, joint)
+
+
+def _draw_impulses(
+    asked: ImpulseDraws | None, ticks: int, period: float, rng: np.random.Generator, drawn: Drawn
+) -> Impulses:
+    """Draw time, size, direction and moment of each impulse."""
+    count = asked.count if asked else 0
+    drawn_at, impulse = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
+    if asked is None:
+        return Impulses(drawn_at, impulse)
+    for k in range(count):
+        drawn_at[k] = rng.integers(ticks)
+        size, direction = rng.uniform(0.0, asked.linear), rng.uniform(0.0, 2.0 * np.pi)
+        impulse[k] = size * np.cos(direction), size * np.sin(direction), rng.uniform(-1.0, 1.0) * asked.angular
+        values = (float(drawn_at[k] * period), *impulse[k].tolist())
+        names = ("time_s", "x_N_s", "y_N_s", "moment_N_m_s")
+        drawn |= {f"impulse{k}_{name}": value for name, value in zip(names, values, strict=True)}
+    return Impulses(drawn_at, impulse)
+
+
+def _draw_sensing(sensors: Sensors, fields: dict[str, Field], rng: np.random.Generator, drawn: Drawn) -> Sensing:
+    """Draw whether an episode measures late, and the key of its noise."""
+    delay, key, level = 0, 0, noise_level(sensors, fields)
+    if sensors.delay > 0.0:
+        delay = int(rng.uniform() < sensors.delay)
+        drawn["delay_periods"] = float(delay)
+    if level.any():
+        key = int(rng.integers(1, KEYS))
+        drawn["noise_key"] = float(key)
+    return Sensing(level, key, delay)
