@@ -18,7 +18,7 @@ from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator, State
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, episode_robot, make_robot
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
@@ -113,7 +113,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self.params = resolve_params(params, overrides)
         self.scenario = load_scenario(scenario)
-        self.robot = make_robot(self.params)
+        self.robot = self._believed = make_robot(self.params)
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
         self._batch = make_batch(self.robot, 1)
@@ -130,8 +130,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
-        episode = draw(self.scenario, self.params, self.robot.model, self.np_random)
-        self._episode = episode
+        episode = draw(self.scenario, self.params, self._believed.model, self.np_random)
+        self._episode, self.robot = episode, episode_robot(self._believed, episode)
         start_episode(self.robot, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()
 
@@ -201,6 +201,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         state = copy.deepcopy(dict(state))
         self._batch, self.np_random = state["batch"], state["rng"]
         self.scenario, self._episode = state["scenario"], state["episode"]
+        if self._episode is not None:
+            self.robot = episode_robot(self._believed, self._episode)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""

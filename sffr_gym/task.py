@@ -14,6 +14,7 @@ from sffr_gym import arms
 from sffr_gym._jit import assign, kernel
 from sffr_gym.actuators import Actuators, generalized_forces, pack_actuators, saturate
 from sffr_gym.beam import Array
+from sffr_gym.episode import Episode
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
 from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack, steps_in
 from sffr_gym.observation import held_joints, observation_fields, observe, wrap
@@ -113,6 +114,20 @@ def make_robot(params: Params) -> Robot:
             reward.effort.weight / reward.effort.scale**2,
         ]),
     )  # fmt: skip
+
+
+def episode_robot(robot: Robot, episode: Episode) -> Robot:
+    """The plant of an episode with its faults.
+
+    An action still asks for a part of the limits that the controllers believe in; what is lost of them cuts it off.
+
+    Args:
+        robot: what the controllers believe.
+        episode: as drawn.
+    """
+    plant = robot if episode.plant == episode.prior else make_robot(episode.plant)
+    left = plant.actuators.limit * episode.health.left(plant.actuators)
+    return plant._replace(actuators=plant.actuators._replace(limit=left), scale=robot.scale)
 
 
 @kernel(allocates=True)

@@ -14,6 +14,7 @@ from sffr_gym.kinematics import rotation
 from sffr_gym.metrics import measure
 from sffr_gym.model import mode_slice
 from sffr_gym.params import load_params
+from sffr_gym.scenario import scenario_names
 from sffr_gym.simulator import Simulator
 from sffr_gym.task import SIGNALS, VIBRATION
 from sffr_gym.vector_env import SFFRFlexVectorEnv
@@ -65,7 +66,7 @@ class Interface:
         return self.policy(obs)
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("name", LAWS)
 def test_interface_gives_the_trajectory_of_the_compiled_loop(short, scenario, name):
     """Stepping a policy through the registered environment repeats the compiled loop, signals, states and commands."""
@@ -90,10 +91,11 @@ def test_interface_gives_the_trajectory_of_the_compiled_loop(short, scenario, na
     assert info["failure"] == compiled.failure == ""
 
 
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("name", LAWS)
-def test_vector_environment_gives_the_trajectories_of_the_compiled_loop(short, name):
+def test_vector_environment_gives_the_trajectories_of_the_compiled_loop(short, name, scenario):
     """A batched policy on the batched environment repeats the compiled loop of every seed."""
-    file = short("excited", 0.5)
+    file = short(scenario, 0.5)
     env = SFFRFlexVectorEnv(3, scenario=file)
     policy = make_policy(name, env)
     obs, _ = env.reset(seed=20)

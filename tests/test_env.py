@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 import sffr_gym
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.scenario import scenario_names
 from sffr_gym.task import REASONS, REWARDS, SIGNALS
 
 ID = "SFFRFlex-v0"
@@ -121,9 +122,10 @@ def test_pickle_keeps_the_future():
     assert_same(env.reset(), other.reset())
 
 
-def test_state_restores_the_future():
+@pytest.mark.parametrize("scenario", ["excited", "noise", "impulse", "mismatch"])
+def test_state_restores_the_future(scenario):
     """`set_state` brings back what `get_state` returned, in any environment of the robot and as often as asked."""
-    env, other = SFFRFlexEnv("excited"), SFFRFlexEnv("nominal")
+    env, other = SFFRFlexEnv(scenario), SFFRFlexEnv("nominal")
     env.reset(seed=2)
     rollout(env, actions(15))
     state = env.get_state()
@@ -133,10 +135,10 @@ def test_state_restores_the_future():
     for restored in (env, other):
         restored.set_state(state)
         assert_same([rollout(restored, actions(15, 1)), restored.reset(), restored.time], future)
-        assert restored.scenario.name == "excited"
+        assert restored.scenario.name == scenario
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 def test_reset_forgets_a_messy_episode(scenario):
     """A seeded reset after saturated, failed steps equals that of a fresh environment, and so does what follows."""
     env, fresh = SFFRFlexEnv(scenario), SFFRFlexEnv(scenario)
@@ -165,9 +167,10 @@ def test_reward_is_the_sum_of_its_terms():
     assert min(expected) > 0.0
 
 
-def test_info_has_constant_keys_and_types():
+@pytest.mark.parametrize("scenario", scenario_names())
+def test_info_has_constant_keys_and_types(scenario):
     """Reset and steps, the last one of a failed episode included, return the same keys with the same types."""
-    env = SFFRFlexEnv("excited")
+    env = SFFRFlexEnv(scenario)
     _, first = env.reset(seed=0)
     assert set(first) == {
         *SIGNALS,
@@ -175,12 +178,27 @@ def test_info_has_constant_keys_and_types():
         "time",
         "clipped",
         "failure",
+        "cost",
         "applied",
         "drawn",
     }
     for *_, info in [*rollout(env, actions(300, size=5.0)), (env.reset()[1],)]:
         assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
         assert list(info["drawn"]) == list(first["drawn"])
+
+
+@pytest.mark.parametrize("size", [0.1, 1.2])
+def test_cost_counts_saturated_and_failed_periods(size):
+    """The cost is 1 in a period in which an actuator is at its limit or that ends in a failure, else 0."""
+    env = SFFRFlexEnv("excited")
+    assert env.reset(seed=0)[1]["cost"] == 0.0
+    costs = set()
+    for inputs in actions(400, size=size):
+        _, _, terminated, _, info = env.step(inputs)
+        saturated = (np.abs(info["applied"]) >= env.robot.actuators.limit).any()
+        assert info["cost"] == float(saturated or terminated)
+        costs.add(info["cost"])
+    assert costs == ({0.0} if size < 1.0 else {0.0, 1.0})
 
 
 NAN = np.where(np.isin(np.arange(N_ACTIONS), [3, 7]), np.nan, 0.0)

@@ -86,7 +86,8 @@ def test_each_episode_is_the_rollout_of_its_seed(evaluation, scenario):
 
 def test_summary_has_the_promised_keys_and_the_means(evaluation):
     summary = evaluation.summary()
-    assert list(summary) == ["scenario", "episodes", "seed", "policies"]
+    assert list(summary) == ["scenario", "scenario_hash", "episodes", "seed", "policies"]
+    assert summary["scenario_hash"] == evaluation.scenario.hash(load_params())
     assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 3, SEED)
     assert list(summary["policies"]) == POLICIES
     for policy, means in summary["policies"].items():
@@ -237,6 +238,7 @@ def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
     assert manifest["command"] == "sffr evaluate none --set 'panel.EI=2 5'"
     assert manifest["config"] == load_params().to_dict()
     assert manifest["config_hash"] == load_params().hash()
+    assert manifest["scenario_hash"] == evaluation.scenario.hash(load_params())
     assert manifest["scenario"]["panel_modes"] == [{"mode": 1, "amplitude": [0.05, 0.25]}]
     assert manifest["seeds"] == [SEED, SEED + 1, SEED + 2]
     assert {"python", "numpy", "numba", "gymnasium", "scipy", "sffr-gym"} == set(manifest["versions"])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from baselines import POLICIES, make_policy
+from baselines.policies import ORACLES
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.params import load_params
 from sffr_gym.vector_env import SFFRFlexVectorEnv
@@ -23,7 +24,7 @@ def observations(count, seed=0):
 
 def test_names():
     """The policies of the case study are there, each with its name and a line that says what it is."""
-    assert list(POLICIES) == ["none", "random", "hsc", "ahsc", "ahsc-filtered"]
+    assert {"none", "random", "hsc", "ahsc", "ahsc-filtered", "hsc-oracle", "ahsc-oracle"} <= set(POLICIES)
     assert all(POLICIES.values())
     for name in POLICIES:
         assert make_policy(name, load_params()).name == name
@@ -38,7 +39,7 @@ def test_unknown_name_raises(name, nearest):
     assert all(known in str(error.value) for known in POLICIES)
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", [name for name in POLICIES if name not in ORACLES.values()])
 def test_actions_fit_the_environment(name):
     """An observation gives an action of the environment's shape, a batch one for each, finite and of float64."""
     env = gym.make("SFFRFlex-v0")
@@ -141,3 +142,20 @@ def test_random_policy_is_seeded_and_uniform():
     np.testing.assert_allclose(many.mean(axis=0), 0.0, atol=0.15)  # 400 draws, five standard deviations
     policy.reset(seed=3)
     np.testing.assert_array_equal(policy(np.zeros((4, 52))), many[:4])
+
+
+@pytest.mark.parametrize("base", ORACLES)
+def test_an_oracle_is_the_law_of_the_plant(base):
+    """It acts as the law that is made for the plant, and not at all before it was told, after each reset."""
+    plant, rows = load_params().with_overrides("object.mass=30", "panel.EI=15"), observations(30)
+    oracle, wrong = (make_policy(name, load_params()) for name in (ORACLES[base], base))
+    right = make_policy(base, plant)
+    for _ in range(2):
+        oracle.reset()
+        right.reset()
+        with pytest.raises(ValueError, match="has to be told the plant"):
+            oracle(rows[0])
+        oracle.know(plant)
+        actions = [oracle(obs) for obs in rows]
+        np.testing.assert_array_equal(actions, [right(obs) for obs in rows])
+    assert (np.array([wrong(obs) for obs in rows]) != actions).any()
