@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run test format lint types contracts check clean
+.PHONY: help run results test format lint types contracts check clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,6 +16,9 @@ help: ## list the targets
 run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/nominal and runs/excited
 	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
 	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
+
+results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
+	$(BIN)/sffr benchmark --docs docs
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)

@@ -1,5 +1,6 @@
 """The benchmark: the same rows with any number of workers, nothing finished is lost, pages follow the episodes."""
 
+import io
 import json
 import os
 import signal
@@ -219,7 +220,7 @@ def test_compare_refuses_what_is_no_run(tmp_path):
 
 @pytest.mark.parametrize("width", [80, 100, 140])
 def test_standings_fit_the_terminal_uncut(alone, width):
-    console = Console(width=width, record=True, file=open(os.devnull, "w"))
+    console = Console(width=width, record=True, file=io.StringIO())
     commands._print_standings(console, standings(alone))
     lines = console.export_text().splitlines()
     assert max(map(len, lines)) <= width and not any("…" in line for line in lines)
