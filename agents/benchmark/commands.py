@@ -28,7 +28,7 @@ from sffr_gym import ConfigError
 from sffr_gym.env import resolve_params
 from sffr_gym.scenario import scenario_names
 
-WIDE = 128  # columns of a terminal that shows the ratios
+WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
 
 _Params = Annotated[
     str | None,
@@ -167,7 +167,8 @@ def tune_hsc_command(
             write_damping(out, found, shlex.join(["sffr", *sys.argv[1:]]))
     tables.print(
         f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad: cost {found.cost:.4f}; with B(0) {found.hsc_cost:.4f}; "
-        f"{found.evaluations} pairs tried"
+        f"{found.evaluations} pairs tried",
+        soft_wrap=True,
     )
 
 
@@ -199,17 +200,16 @@ class Bar:
 
 def _print_standings(console: Console, table: Standings) -> None:
     """The overall scores, the lowest cost first."""
-    wide = console.width >= WIDE
+    wide, medium = console.width >= WIDE, console.width >= MEDIUM
     out = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     out.add_column("policy", style="bold", no_wrap=True)
-    heads = ["typical", *(f"{name.split('_')[0]}\nratio" for name in WEIGHTS)] if wide else []
-    for head in ("cost", "less AHSC", *heads, "better", "failed"):
+    heads = ["less AHSC"] * medium + ["typical", *(f"{name.split('_')[0]}\nratio" for name in WEIGHTS)] * wide
+    for head in ("cost", *heads, "better", "failed"):
         out.add_column(head, justify="right", no_wrap=True)
     for policy in ranked(table):
         score = table.overall[policy]
-        cells = [show(score.cost), signed(score.difference)]
-        if wide:
-            cells += [show(score.typical), *map(number, score.ratios.values())]
+        cells = [show(score.cost)] + [signed(score.difference)] * medium
+        cells += [show(score.typical), *map(number, score.ratios.values())] * wide
         cells += [f"{100.0 * score.improvement:.0f} %", f"{score.failed}/{score.episodes}"]
         out.add_row(Text(policy), *cells)
     console.print(out)

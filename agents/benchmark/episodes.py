@@ -19,8 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from joblib import Parallel, delayed
-
 import baselines
 import sffr_gym
 from agents.evaluate import EVALUATION_SEED, result_of
@@ -163,6 +161,8 @@ def run_episode(task: Task, params: Params) -> Result:
 
 def _finish(tasks: list[Task], params: Params, folder: Path, jobs: int) -> Iterator[Task]:
     """Run tasks in parallel, each kept by its worker, and name them as they are finished."""
+    from joblib import Parallel, delayed  # here, since it takes long to load and most commands do without
+
     workers = Parallel(n_jobs=jobs, return_as="generator_unordered")
     finished: Iterator[Task] = workers(delayed(_run_and_keep)(task, params, folder) for task in tasks)
     return finished

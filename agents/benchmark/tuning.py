@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from agents.evaluate import EVALUATION_SEED, result_of
 from agents.run_folder import write_whole
@@ -84,6 +83,8 @@ def tune_hsc(
         if progress:
             progress(q5, q6, value)
         return value
+
+    from scipy.optimize import minimize  # here, since it takes longer to load than all else
 
     simplex = np.log10(start) + FIRST_STEP * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     found = minimize(
