@@ -1,12 +1,12 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run results test format lint types contracts check clean
+.PHONY: help run verify results test format lint types contracts check clean
 
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
-PACKAGES := sffr_gym baselines agents
+PACKAGES := sffr_gym baselines verification agents
 POLICIES := none hsc ahsc
 PYTEST_ARGS ?=
 
@@ -16,6 +16,9 @@ help: ## list the targets
 run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/nominal and runs/excited
 	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
 	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
+
+verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Exudyn; page in runs/verify
+	$(BIN)/sffr verify --out runs/verify --overwrite
 
 results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
 	$(BIN)/sffr benchmark --docs docs
@@ -49,10 +52,15 @@ $(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/pip
 	@$(INSTALL) ".[plot]"
 	@touch $@
 
+$(VENV)/.verify: pyproject.toml constraints.txt | $(BIN)/pip
+	@echo "Installing the package and the engines that it is checked against into $(VENV) ..."
+	@$(INSTALL) ".[verify]"
+	@touch $@
+
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/pip
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
 	@$(INSTALL) ".[dev]"
-	@touch $@ $(VENV)/.run
+	@touch $@ $(VENV)/.run $(VENV)/.verify
 
 $(BIN)/pip:
 	@for python in python3.11 python3; do \

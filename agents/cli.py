@@ -1,26 +1,30 @@
-"""The command line ``sffr``: arguments, and what the terminal shows meanwhile. The commands' work is done elsewhere."""
+"""The command line ``sffr``: arguments, and what is printed in the end. The commands' work is done elsewhere."""
 
 from __future__ import annotations
 
 import sys
-import threading
-import time
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Self
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.markup import escape
 
+import verification
+from agents import verify
 from agents.benchmark.commands import add_commands
+from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
 from baselines import POLICIES
-from sffr_gym._jit import is_compiled, remove_stale_caches
+from sffr_gym import ConfigError
+from sffr_gym._jit import remove_stale_caches
+from verification import SECTIONS
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -45,84 +49,6 @@ def sffr(
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
     remove_stale_caches()
-
-
-class Display:
-    """What the terminal shows of a run: that it compiles, and a progress bar where it takes longer than two seconds.
-
-    A context manager, and the ``progress`` of :func:`agents.evaluate.evaluate`.
-    """
-
-    PATIENCE = 2.0  # s before a bar is worth showing
-    SILENCE = 5.0  # s without a sign of life that nothing but compiling takes
-    COMPILING = "compiling the simulator for this machine, about a minute, once"
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._started: dict[str, float] = {}  # policy: when it was first heard of
-        self._timer: threading.Timer | None = None
-        self._announced = False
-        self._first_move: float | None = None
-        self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"), TimeElapsedColumn(),
-            TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("remaining"), console=console, transient=True,
-        )  # fmt: skip
-        self._task = self._bar.add_task("")
-
-    def __enter__(self) -> Self:
-        """Nothing to show yet."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Clear the terminal of the bar."""
-        self._stop_waiting(completed=error is None)
-        if self._bar.live.is_started:  # else it would leave an empty line
-            self._bar.stop()
-
-    def __call__(self, policy: str, done: int, total: int) -> None:
-        """Report; see ``evaluate.Report``."""
-        if policy not in self._started:
-            self._wait(policy)
-            return
-        if total == 0 or done == 0:
-            return
-        self._stop_waiting()
-        now = time.perf_counter()
-        if self._first_move is None:
-            self._first_move = now
-            self._bar.reset(self._task)  # time that went into compiling tells nothing of what remains
-        if now - self._first_move > self.PATIENCE and done < total:
-            self._bar.start()
-        self._bar.update(self._task, description=policy, completed=done, total=total)
-
-    def _wait(self, policy: str) -> None:
-        """Announce a compilation: at once on a first run, else if a new policy gives no sign of life for a while.
-
-        That some kernels are in the cache does not mean that those of this policy are.
-        """
-        self._stop_waiting()
-        first = not self._started
-        self._started[policy] = time.perf_counter()
-        if first and not is_compiled():
-            self._announce()
-            return
-        self._timer = threading.Timer(self.SILENCE, self._announce)
-        self._timer.daemon = True
-        self._timer.start()
-
-    def _announce(self) -> None:
-        self._announced = True
-        self._console.print(self.COMPILING)
-
-    def _stop_waiting(self, completed: bool = True) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-        if self._announced and completed:
-            self._console.print(f"compiled in {time.perf_counter() - list(self._started.values())[-1]:.0f} s")
-        self._announced = False
 
 
 _POLICY_HELP = "Policies to compare.\n\n" + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
@@ -176,7 +102,7 @@ def evaluate_command(
         check_folder(out, overwrite)
         if seed < EVALUATION_SEED:
             notes.print(f"note: seeds below {EVALUATION_SEED} are for training; compare agents on seeds from there up")
-        with Display(notes) as display:
+        with EvaluationDisplay(notes) as display:
             evaluation = evaluate(policies, scenario, episodes, seed, params, overrides or (), progress=display)
         written = write_run(out, evaluation, ["sffr", *sys.argv[1:]])
     tables.print(table(evaluation, tables.width))
@@ -196,6 +122,79 @@ def _draw(out: Path, evaluation: Evaluation, notes: Console) -> list[Path]:
             raise
         notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
         return []
+
+
+_SECTIONS_HELP = "Run these checks alone; repeatable.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {escape(title)}" for title, name in SECTIONS
+)
+
+
+@app.command("verify")
+def verify_command(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer random states, shorter runs, and without what only explains.")
+    ] = False,
+    sections: Annotated[
+        list[str] | None,
+        typer.Option("--section", metavar="NAME", help=_SECTIONS_HELP, show_default="all"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder of the page.", show_default="runs/verify-<date-time>"),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the page in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    r"""Check the simulator against derivations and engines that others wrote: SymPy, Pinocchio, MuJoCo, Exudyn.
+
+    Prints a table and writes a page with pictures. Exit code 1 if a check fails, 2 if nothing could run. Needs the
+    extra [bold]verify[/]: pip install "sffr-gym\[verify]".
+    """
+    notes, tables = Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
+    with user_errors():
+        out = out or Path("runs") / f"verify-{datetime.now():%Y%m%d-%H%M%S}"
+        check_folder(out, overwrite, verification.FILE)
+        chosen = verify.choose(sections or ())
+        with CheckDisplay(notes) as display:
+            checks = verify.run(chosen, quick, display)
+        page = verification.write_page(checks, out)
+    tables.print(verify.table(checks))
+    for line in verify.remarks(checks):
+        tables.print(line, markup=False)
+    tables.print(page, markup=False, soft_wrap=True)
+    if any(not check.passed for check in checks):
+        raise typer.Exit(1)
+
+
+@app.command("reproduce")
+def reproduce_command(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of pictures, claims and page.")
+    ] = Path("runs/reproduce"),
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", metavar="S", min=1.0, help="Cut each run to this [s], for a quick look.", show_default="110.9"
+        ),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    r"""Draw the paper's figures of section 5.3 with our numbers, and say which of its claims hold.
+
+    Prints the claims; writes index.html, one picture for each figure, claims.md and claims.json. Takes about a minute.
+    Needs the extra [bold]plot[/]; with [bold]verify[/] it also compares with the engines of sffr verify.
+    """
+    notes, tables = Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
+    with user_errors():
+        check_folder(out, overwrite, CLAIMS)
+        if find_spec("matplotlib") is None:
+            raise ConfigError("not installed: matplotlib; pip install 'sffr-gym[plot]'")
+        with CheckDisplay(notes) as display:
+            claims, written = reproduce(out, ["sffr", *sys.argv[1:]], duration, display.begin)
+    tables.print(claims_table(claims, tables.width))
+    tables.print(verdicts(claims), markup=False)
+    tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
 
 
 add_commands(app)

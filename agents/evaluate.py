@@ -158,9 +158,7 @@ def table(evaluation: Evaluation, width: int = 100) -> Table:
     failures = {policy: sum(bool(result.failure) for result in own) for policy, own in results.items()}
     whole = [policy for policy, failed in failures.items() if not failed] or list(results)
     many = "episode" if evaluation.episodes == 1 else "episodes"
-    title = (
-        f"{evaluation.scenario.name}: {evaluation.episodes} {many}, {_span(evaluation)}, from seed {evaluation.seed}"
-    )
+    title = f"{evaluation.scenario.name}: {evaluation.episodes} {many} {_span(evaluation)}, from seed {evaluation.seed}"
     out = Table(title=Text(title), box=box.SIMPLE_HEAD, show_edge=False, padding=(0, int(width >= WIDE), 0, 0))
     out.title_style, out.title_justify = "bold", "left"
     out.add_column("\n\npolicy", style="bold", no_wrap=True)
@@ -258,7 +256,7 @@ def _span(evaluation: Evaluation) -> str:
     scenario, params = evaluation.scenario, evaluation.params
     if scenario.duration is None and scenario.speed is not None:
         return "once around"
-    return f"{scenario.ticks(params) * params.control.period:.4g} s"
+    return f"of {scenario.ticks(params) * params.control.period:.4g} s"
 
 
 def _unit(unit: str, largest: float) -> tuple[str, float]:

@@ -88,7 +88,7 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
     """
     import matplotlib as mpl
 
-    view = make_view(evaluation)
+    view = make_view(evaluation.first)
     painters: tuple[Callable[[View], Figure | None], ...] = (path, tracking, panels, damping, forces)
     files = []
     with mpl.rc_context(STYLE):
@@ -101,13 +101,13 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
     return files
 
 
-def make_view(evaluation: Evaluation) -> View:
-    """Collect what the figures need."""
-    episode = next(iter(evaluation.first.values())).episode
+def make_view(trajectories: Mapping[str, Trajectory]) -> View:
+    """Collect what the figures need from a trajectory of each policy, all in the same episode."""
+    episode = next(iter(trajectories.values())).episode
     model = pack(episode.plant)
     actuators = pack_actuators(episode.plant, model)
     limit = actuators.limit * episode.health.left(actuators)
-    return View(evaluation.first, model, episode.plant, limit, colours_of(evaluation.first))
+    return View(trajectories, model, episode.plant, limit, colours_of(trajectories))
 
 
 def colours_of(policies: Iterable[str]) -> dict[str, str]:

@@ -121,7 +121,7 @@ def panel_line(model: Model, params: Params, p: Array, panel: int, factor: float
     for element in range(params.panel.elements):
         ends = np.concatenate([nodes[element], nodes[element + 1]])
         for xi in np.linspace(0.0, 1.0, max(points // params.panel.elements, 2) + 1)[1:]:
-            U, W, _, _ = shape_functions(xi, step)
+            U, W, *_ = shape_functions(xi, step)
             local.append(np.array([step * (element + xi) + U @ ends, factor * (W @ ends)]))
     (c, s), root = model.panel_axis[panel], model.panel_root[panel]
     line: Array = p[:2] + (root + np.array(local) @ np.array([[c, s], [-s, c]])) @ rotation(p[2]).T

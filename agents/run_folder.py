@@ -28,13 +28,18 @@ KEYS = ("scenario", "policy", "seed")  # of an episode
 PACKAGES = ("numpy", "numba", "gymnasium", "scipy", "sffr-gym")
 
 
-def check_folder(folder: Path, overwrite: bool = False) -> None:
+def check_folder(folder: Path, overwrite: bool = False, result: str = SUMMARY) -> None:
     """Make sure, before anything runs, that its result can be written into a folder.
+
+    Args:
+        folder: need not exist.
+        overwrite: whether a finished run in it may be replaced.
+        result: file that a finished run leaves.
 
     Raises:
         ConfigError: if it holds a finished run that is not to be overwritten, or cannot be a folder of ours.
     """
-    if (folder / SUMMARY).exists() and not overwrite:
+    if (folder / result).exists() and not overwrite:
         raise ConfigError(f"{folder}: holds a finished run; choose another folder with --out or add --overwrite")
     above = folder.absolute()
     while not above.exists():

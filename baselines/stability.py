@@ -91,6 +91,15 @@ def largest_stable_damping(model: Model, direction: ArrayLike, damped: ArrayLike
     return float(low)
 
 
+def axial_alone(model: Model) -> Model:
+    """A model for :func:`sampled_growth` with the axial modes alone, which a clamped panel's bending does not touch.
+
+    The bending modes, whose growth is near 1, would hide how fast an axial vibration decays.
+    """
+    kept = slice(None, model.n_axial)
+    return model._replace(omega2=model.omega2[:, kept], damping=model.damping[:, kept], shapes=model.shapes[:, :, kept])
+
+
 def _sampled_modes(omega2: Array, damping: Array, period: float) -> tuple[Array, Array]:
     """Exact steps of single modes: transition (n_m, 2, 2) and response (n_m, 2) to a held unit force."""
     rates = np.zeros((len(omega2), N_TIP, N_TIP))  # of [eta, eta_d, force]

@@ -11,9 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym._jit import kernel
-from sffr_gym.beam import N_TIP, Array
+from sffr_gym.beam import Array
 from sffr_gym.model import N_BASE, Model, tip_rows
 from sffr_gym.params import Params
+from sffr_gym.piezo import channels
+
+LEAST_REACH = 1.0e-9  # of an array's largest reach; it is not asked for tip forces that it reaches less
 
 
 class Actuators(NamedTuple):
@@ -21,34 +24,42 @@ class Actuators(NamedTuple):
 
     Attributes:
         limit: (n_u,) largest command, in the order of a command.
-        K_PZ: (n_p, 3, n_c) tip forces (axial N, transverse N, moment N m) for one volt on each channel, Eq. 15.
+        K_PZ: (n_p, 3, n_c) tip forces (axial N, transverse N, moment N m) for one volt on each channel, Eq. 15, of the
+            panel as one element; what the controllers know.
         allocation: (n_p, n_c, 3) volts that give a wanted tip force in the least-squares sense.
-        modal_force: (n_p, n_m, 3) modal forces for a unit of each tip force.
+        gain: (n_p, n_c) force or moment of a channel for one volt [N/V, N m/V].
+        reach: (n_p, n_m, n_c) displacement [m] or slope that it works on, for a unit of each mode; of the plant.
+        tips: (n_p, n_m, 3) tip coordinates for a unit of each mode.
     """
 
     limit: Array
     K_PZ: Array
     allocation: Array
-    modal_force: Array
+    gain: Array
+    reach: Array
+    tips: Array
 
 
 def pack_actuators(params: Params, model: Model) -> Actuators:
     """Turn validated parameters into the arrays of the kernels."""
-    piezo = params.actuators.piezo
-    authority = np.diag([piezo.force, piezo.force, piezo.moment]) / piezo.voltage
+    piezo, panel = params.actuators.piezo, params.panel
+    gain, tip_reach = channels(piezo, panel, elements=1)
     n_p = len(model.panel_root)
-    K_PZ = np.tile(authority, (n_p, 1, 1))
+    K_PZ = np.tile(tip_reach * gain, (n_p, 1, 1))
+    nodal_reach = channels(piezo, panel, panel.elements).reach
     thrust = params.actuators.thruster_force
     limits = (
-        np.full(n_p * authority.shape[1], piezo.voltage),
+        np.full(n_p * len(gain), piezo.voltage),
         [thrust, thrust, params.actuators.thruster_torque],
         np.full(len(model.link_mass), params.actuators.joint_torque),
     )
     return Actuators(
         limit=np.concatenate(limits),
         K_PZ=K_PZ,
-        allocation=np.array(np.linalg.pinv(K_PZ), dtype=np.float64, order="C"),
-        modal_force=tip_rows(model).transpose(0, 2, 1).copy(),
+        allocation=np.array(np.linalg.pinv(K_PZ, rcond=LEAST_REACH), dtype=np.float64, order="C"),
+        gain=np.tile(gain, (n_p, 1)),
+        reach=np.array(model.shapes.transpose(0, 2, 1) @ nodal_reach, order="C"),
+        tips=tip_rows(model).transpose(0, 2, 1).copy(),
     )
 
 
@@ -65,8 +76,8 @@ def generalized_forces(model, actuators, applied, tau):
 
     Piezo forces are internal to a panel: they act on the elastic coordinates alone (Eq. 14).
     """
-    n_p, _, n_c = actuators.K_PZ.shape
-    n_m, n_l = model.omega2.shape[1], len(model.link_mass)
+    n_p, n_m, n_c = actuators.reach.shape
+    n_l = len(model.link_mass)
     at = n_p * n_c
     for i in range(N_BASE + n_l):
         tau[i] = applied[at + i]
@@ -74,9 +85,7 @@ def generalized_forces(model, actuators, applied, tau):
     for i in range(n_p):
         for m in range(n_m):
             tau[start + i * n_m + m] = 0.0
-        for k in range(N_TIP):
-            force = 0.0
-            for c in range(n_c):
-                force += actuators.K_PZ[i, k, c] * applied[i * n_c + c]
+        for c in range(n_c):
+            force = actuators.gain[i, c] * applied[i * n_c + c]
             for m in range(n_m):
-                tau[start + i * n_m + m] += actuators.modal_force[i, m, k] * force
+                tau[start + i * n_m + m] += actuators.reach[i, m, c] * force

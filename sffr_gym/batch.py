@@ -14,6 +14,7 @@ from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.disturbances import Impulses, Sensing, hit, sense
 from sffr_gym.episode import Episode
+from sffr_gym.fleet import Fleet, robot_at
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import MOST_IMPULSES
@@ -74,7 +75,7 @@ def make_batch(robot: Robot, n: int) -> Batch:
     )  # fmt: skip
 
 
-def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
+def start_episode(fleet: Fleet, batch: Batch, i: int, episode: Episode) -> None:
     """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do."""
     for array in batch:
         array[i] = 0
@@ -84,12 +85,13 @@ def start_episode(robot: Robot, batch: Batch, i: int, episode: Episode) -> None:
     count = len(episode.impulses.tick)
     batch.impulse_tick[i] = NEVER
     batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
-    view_one(robot, batch, i)
+    view_one(fleet, batch, i)
 
 
 @kernel(allocates=True)
-def view_one(robot, batch, i):
+def view_one(fleet, batch, i):
     """Observe and measure environment ``i`` at its present time, without a step; late sensors see it as it is."""
+    robot = robot_at(fleet, i, np.zeros(2, dtype=np.int64))
     buffers, reference = make_buffers(robot), _reference(batch, i)
     view(
         robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], buffers, batch.obs[i], batch.signals[i]
@@ -99,11 +101,11 @@ def view_one(robot, batch, i):
     )
 
 
-def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -> None:
+def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -> None:
     """Advance the active environments of a batch by one control period, on as many threads as pay.
 
     Args:
-        robot: the plant.
+        fleet: their plants.
         batch: the environments, advanced in place.
         actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
         active: (n,) False leaves an environment as it is.
@@ -111,22 +113,26 @@ def step_batch(robot: Robot, batch: Batch, actions: Array, active: np.ndarray) -
     n = len(batch.tick)
     chunks = min(THREADS, n // SMALLEST_CHUNK)
     if chunks < 2:
-        step_range(robot, batch, actions, active, 0, n)
+        step_range(fleet, batch, actions, active, 0, n)
         return
     ends = [n * chunk // chunks for chunk in range(chunks + 1)]
-    jobs = [_pool().submit(step_range, robot, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    jobs = [_pool().submit(step_range, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
     for job in jobs:
         job.result()
 
 
 @kernel(allocates=True, nogil=True)
-def step_range(robot, batch, actions, active, first, last):
+def step_range(fleet, batch, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period."""
+    cursor = np.zeros(2, dtype=np.int64)
+    robot = robot_at(fleet, first, cursor)
     buffers = make_buffers(robot)
-    command = np.zeros(len(robot.actuators.limit))
+    command = np.zeros(actions.shape[1])
     for i in range(first, last):
         if not active[i]:
             continue
+        if len(fleet.numbers) > 1:  # looking at another robot takes a tenth of a period
+            robot = robot_at(fleet, i, cursor)
         batch.clipped[i] = 0
         for k in range(len(command)):
             action = min(max(actions[i, k], -1.0), 1.0)

@@ -59,15 +59,15 @@ class Modes(NamedTuple):
     shapes: Array
 
 
-def shape_functions(xi: float, length: float) -> tuple[Array, Array, Array, Array]:
-    """Evaluate Eq. 44 of one element of the given length, both nodes kept, and the derivatives that strain needs.
+def shape_functions(xi: float, length: float) -> tuple[Array, Array, Array, Array, Array]:
+    """Evaluate Eq. 44 of one element of the given length, both nodes kept, and derivatives.
 
     Args:
         xi: position in the element, 0 to 1.
         length: element length [m].
 
     Returns:
-        ``U, W, dU/dx, d2W/dx2``: (6,) each, over the coordinates ``(u1, w1, slope1, u2, w2, slope2)``.
+        ``U, W, dU/dx, dW/dx, d2W/dx2``: (6,) each, over the coordinates ``(u1, w1, slope1, u2, w2, slope2)``.
     """
     s = length
     U = np.array([1 - xi, 0, 0, xi, 0, 0])
@@ -75,8 +75,10 @@ def shape_functions(xi: float, length: float) -> tuple[Array, Array, Array, Arra
         [0, 1 - 3 * xi**2 + 2 * xi**3, s * (xi - 2 * xi**2 + xi**3), 0, 3 * xi**2 - 2 * xi**3, s * (xi**3 - xi**2)]
     )
     dU = np.array([-1, 0, 0, 1, 0, 0]) / s
+    bend = 6 * (xi - xi**2)
+    dW = np.array([0, -bend / s, 1 - 4 * xi + 3 * xi**2, 0, bend / s, 3 * xi**2 - 2 * xi])
     d2W = np.array([0, -6 + 12 * xi, s * (-4 + 6 * xi), 0, 6 - 12 * xi, s * (6 * xi - 2)]) / s**2
-    return U, W, dU, d2W
+    return U, W, dU, dW, d2W
 
 
 def beam(mass: float, length: float, EI: float, EA: float, elements: int) -> Beam:
@@ -97,7 +99,7 @@ def beam(mass: float, length: float, EI: float, EA: float, elements: int) -> Bea
     for element in range(elements):
         nodes = slice(N_TIP * element, N_TIP * (element + 2))
         for xi, weight in zip((points + 1) / 2, weights / 2 * step, strict=True):
-            U, W, dU, d2W = shape_functions(xi, step)
+            U, W, dU, _, d2W = shape_functions(xi, step)
             dm, x = density * weight, step * (element + xi)
             M_ff[nodes, nodes] += dm * (np.outer(U, U) + np.outer(W, W))
             N[nodes, nodes] += dm * np.outer(W, U)
@@ -111,6 +113,22 @@ def beam(mass: float, length: float, EI: float, EA: float, elements: int) -> Bea
         mass, mass * length / 2, mass * length**2 / 3, M_ff[free, free], K[free, free],
         S_x[free], S_y[free], c_x[free], c_y[free], N[free, free],
     )  # fmt: skip
+
+
+def section_motion(length: float, elements: int, place: float) -> tuple[Array, Array]:
+    """Axial displacement and slope, (n_f,) each, of a section of the panel for a unit of each nodal coordinate.
+
+    Args:
+        length: panel length [m].
+        elements: number of equal elements.
+        place: of the section, as a part of the length.
+    """
+    element = min(int(place * elements), elements - 1)
+    U, _, _, dW, _ = shape_functions(place * elements - element, length / elements)
+    displacement, slope = np.zeros((2, N_TIP * (elements + 1)))
+    nodes = slice(N_TIP * element, N_TIP * (element + 2))
+    displacement[nodes], slope[nodes] = U, dW
+    return displacement[N_TIP:], slope[N_TIP:]
 
 
 def clamped_modes(panel: Beam, axial_cut: float, bending_cut: float) -> Modes:

@@ -22,7 +22,7 @@ from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
 from sffr_gym.grasp import couple_object, solve_object
 from sffr_gym.linalg import symmetric_inverse, times
-from sffr_gym.model import N_BASE
+from sffr_gym.model import N_BASE, is_staggered
 
 
 class Work(NamedTuple):
@@ -42,6 +42,7 @@ class Work(NamedTuple):
     acceleration: Array  # (6,) base and object accelerations, base axes
     heading: Array  # (2,) cosine and sine of the yaw
     column: Array  # (3,) right-hand side of the base
+    held: Array  # (3,) Q_flex of the start of a step, under the staggered coupling
 
 
 @kernel(allocates=True)
@@ -53,25 +54,26 @@ def workspace(model):
         c=np.zeros(n_l), s=np.zeros(n_l), rate=np.zeros(n_l), joint=np.zeros((n_l, 6)), tip=np.zeros((n_a, 9)),
         elastic=np.zeros((n_p, 2, n_m)), root=np.zeros((n_p, 8)), grasp=np.zeros((n_g, 15)),
         base_inv=np.zeros((3, 3)), object_inv=np.zeros((3, 3)), cross=np.zeros((3, 3)),
-        acceleration=np.zeros(6), heading=np.zeros(2), column=np.zeros(3),
+        acceleration=np.zeros(6), heading=np.zeros(2), column=np.zeros(3), held=np.zeros(3),
     )  # fmt: skip
 
 
 @kernel(inline=True)
-def accelerations(model, p, v, tau, work, out):
+def accelerations(model, p, v, tau, work, out, held=False):
     """Solve the equations of motion.
 
     p, v: (n,) positions and velocities; see ``model``.
     tau: (n,) generalised forces: base wrench (base axes), joint torques, modal forces of the piezos, and the wrench of
         the surroundings on the object (inertial axes).
     out: (n,) accelerations, written.
+    held: the base feels ``work.held`` instead of the panels' present reaction, as in Fig. 1.
 
-    Source: Eqs. 2-4 and 40 with the elastic accelerations eliminated (coupling ``exact``), Eq. 8 with the grasp forces
-    solved from the pins, whose errors decay at ``model.baumgarte``.
+    Source: Eqs. 2-4 and 40 with the elastic accelerations eliminated, Eq. 8 with the grasp forces solved from the pins,
+    whose errors decay at ``model.baumgarte``.
     """
     work.heading[0], work.heading[1] = cos(p[2]), sin(p[2])
     arms.link_directions(model, p, v, work)
-    H, bias = _base_inertia(model, p, v, tau, work)
+    H, bias = _base_inertia(model, p, v, tau, work, held)
     if model.object_mass > 0.0:
         H, bias = couple_object(model, p, v, tau, work, H, bias)
     symmetric_inverse(H, work.base_inv)
@@ -84,8 +86,13 @@ def accelerations(model, p, v, tau, work, out):
 def stiff_response(model, v, panel_index, mode, work, out):
     """Accelerations that a unit force on one clamped mode causes; call after :func:`accelerations` at the same state.
 
-    Source: a column of the inverse of the condensed mass matrix.
+    Source: a column of the inverse of the condensed mass matrix; under the staggered coupling the mode answers alone.
     """
+    at = N_BASE + len(model.link_mass) + panel_index * model.omega2.shape[1] + mode
+    if is_staggered(model):
+        out[:] = 0.0
+        out[at] = 1.0
+        return
     force, turn = model.translation[panel_index, mode], work.elastic[panel_index, 1, mode]
     c, s = model.panel_axis[panel_index, 0], model.panel_axis[panel_index, 1]
     if mode < model.n_axial:
@@ -96,8 +103,7 @@ def stiff_response(model, v, panel_index, mode, work, out):
     work.column[0], work.column[1], work.column[2] = -fx, -fy, -(x * fy - y * fx + turn)
     _solve(model, work, 0.0)
     _distribute(model, v, work, 0.0, out)
-    n_modes = model.omega2.shape[1]
-    out[N_BASE + len(model.link_mass) + panel_index * n_modes + mode] += 1.0
+    out[at] += 1.0
 
 
 @kernel(inline=True)
@@ -124,8 +130,8 @@ def flexible_wrench(model, v, work):
 
 
 @kernel(inline=True)
-def _base_inertia(model, p, v, tau, work):
-    """Inertia and bias of the base with all arms and panels eliminated into it.
+def _base_inertia(model, p, v, tau, work, held):
+    """Inertia and bias of the base with all arms and panels eliminated into it, or the arms and ``work.held``.
 
     Returns ``(Hxx, Hxy, Hxz, Hyy, Hyz, Hzz)`` and ``(px, py, pz)`` over base acceleration (base axes) and yaw.
     """
@@ -140,7 +146,12 @@ def _base_inertia(model, p, v, tau, work):
         condensed = panel.condense(model, i, p, v, tau, start + i * n_m, v[2], work)
         root = work.root[i]
         root[0], root[1], root[2], root[3], root[4], root[5], root[6], root[7] = condensed
-        Mx, My, hx, hy, J, qx, qy, torque = condensed
+    if held:
+        cb, sb, fx, fy = work.heading[0], work.heading[1], work.held[0], work.held[1]
+        return H, (bias[0] - cb * fx - sb * fy, bias[1] + sb * fx - cb * fy, bias[2] - work.held[2])
+    for i in range(model.omega2.shape[0]):
+        root = work.root[i]
+        Mx, My, hx, hy, J, qx, qy, torque = root[0], root[1], root[2], root[3], root[4], root[5], root[6], root[7]
         c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
         inertia = (
             c * c * Mx + s * s * My, c * s * (Mx - My), c * hx - s * hy, s * s * Mx + c * c * My, s * hx + c * hy, J

@@ -13,6 +13,7 @@ import numpy as np
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode, draw
+from sffr_gym.fleet import make_fleet, put_robot
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
@@ -49,6 +50,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     | 9-12 | joints of arm 1 and arm 2 | 7 N m |
     | 13, 14 | antenna and camera joint | 7 N m |
 
+    That is for the ``generalized`` piezo array; ``patches`` has 8 channels for each panel and ``tip`` has 2, of every
+    pair the upper face first.
+
     ## Observation space
     ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are
     desired minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:
@@ -73,8 +77,20 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     (bending energy about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control
     period.
 
+    ## Info
+    The same keys with the same types at every reset and step: each measure of ``task.SIGNALS`` (of the true state; the
+    saturated fractions of piezos, thrusters and joints among them), ``reward_<name>``, ``time`` [s], ``clipped``,
+    ``failure``, ``applied`` (the command after the limits), ``drawn`` (what the scenario drew, by name with unit) and
+    ``cost``, for safe reinforcement learning: 1 in a period in which an actuator is at its limit or that ends the
+    episode in a failure, else 0.
+
     ## Starting state
-    Drawn from the scenario: ``nominal`` is Table IV, ``excited`` has swinging panels, ``offset`` starts off the path.
+    Drawn from the scenario, as is what happens afterwards: ``nominal`` is Table IV, ``excited`` has swinging panels,
+    ``offset`` starts off the path, ``fast`` draws the path's speed; in ``payload`` and ``mismatch`` the plant is not
+    the robot of ``params``, which is all that controllers know; ``degraded`` has a fault, ``impulse`` hits the base.
+    In ``noise``, and with a scenario of your own, what is measured is noisy and may lag a control period behind: the
+    robot of a period ago is compared with what is desired now. Noise reaches the observation alone; reward, measures
+    and the episode's end know the truth. The reference's motion is known, not measured.
 
     ## Episode end
     Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
@@ -83,7 +99,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     ## Arguments
     - ``scenario``: a shipped scenario's name or the path of a YAML file.
-    - ``params``: a ``Params`` object, a path, or None for the case study.
+    - ``params``: a ``Params`` object, a path, or None for the case study; the robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
     - ``render_mode``: None.
 
@@ -116,7 +132,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.robot = self._believed = make_robot(self.params)
         self.fields = observation_fields(self.robot.model, self.params)
         self.action_space, self.observation_space = make_spaces(self.robot)
-        self._batch = make_batch(self.robot, 1)
+        self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, 1)
         self._episode: Episode | None = None
 
     def reset(
@@ -131,8 +147,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
         episode = draw(self.scenario, self.params, self._believed.model, self.np_random)
-        self._episode, self.robot = episode, episode_robot(self._believed, episode)
-        start_episode(self.robot, self._batch, 0, episode)
+        self._take(episode)
+        start_episode(self._fleet, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -145,7 +161,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         ticks = self.ticks
         action = check_action(action, self.robot.scale.shape)
         batch = self._batch
-        step_batch(self.robot, batch, action[None], _ONE)
+        step_batch(self._fleet, batch, action[None], _ONE)
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= ticks)
         return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
@@ -199,10 +215,14 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
         state = copy.deepcopy(dict(state))
-        self._batch, self.np_random = state["batch"], state["rng"]
-        self.scenario, self._episode = state["scenario"], state["episode"]
-        if self._episode is not None:
-            self.robot = episode_robot(self._believed, self._episode)
+        self._batch, self.np_random, self.scenario = state["batch"], state["rng"], state["scenario"]
+        if state["episode"] is not None:
+            self._take(state["episode"])
+
+    def _take(self, episode: Episode) -> None:
+        """Make an episode and its plant this one's."""
+        self._episode, self.robot = episode, episode_robot(self._believed, episode)
+        put_robot(self._fleet, 0, self.robot)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""

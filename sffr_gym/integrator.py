@@ -17,7 +17,7 @@ import numpy as np
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.dynamics import Work, accelerations, flexible_wrench, stiff_response, workspace
-from sffr_gym.model import n_positions
+from sffr_gym.model import is_staggered, n_positions
 
 ETDRK4, RK4 = 0, 1
 INTEGRATORS = {"etdrk4": ETDRK4, "rk4": RK4}
@@ -82,7 +82,7 @@ def _rk4(model, p, v, tau, h, work):
     sum_p[:] = 0.0
     sum_v[:] = 0.0
     for stage in range(4):
-        accelerations(model, stage_p, stage_v, tau, inner, a[0])
+        accelerations(model, stage_p, stage_v, tau, inner, a[0], is_staggered(model) and stage > 0)
         if stage == 0:
             _keep_forces(model, v, work)
         weight = h / 6.0 if stage in (0, 3) else h / 3.0
@@ -119,7 +119,7 @@ def _etdrk4(model, p, v, tau, h, work):
             _constant_forcing(
                 P[start], V[start], z[start], a[forcing], g[forcing], half, work, P[stage], V[stage], z[stage]
             )
-        accelerations(model, P[stage], V[stage], tau, work.dynamics, a[stage])
+        accelerations(model, P[stage], V[stage], tau, work.dynamics, a[stage], is_staggered(model) and stage > 0)
         if stage == 0:
             _keep_forces(model, v, work)
             _freeze(model, p, v, half, work)
@@ -129,8 +129,12 @@ def _etdrk4(model, p, v, tau, h, work):
 
 @kernel(inline=True)
 def _keep_forces(model, v, work):
-    """Keep the internal forces of the first evaluation, whose buffers the next ones overwrite."""
+    """Keep the internal forces of the first evaluation, whose buffers the next ones overwrite.
+
+    Under the staggered coupling the base feels this Q_flex until the step ends.
+    """
     work.q_flex[0], work.q_flex[1], work.q_flex[2] = flexible_wrench(model, v, work.dynamics)
+    assign(work.dynamics.held, work.q_flex)
     for g in range(len(model.grasp_arm)):
         work.lam[g, 0], work.lam[g, 1] = work.dynamics.grasp[g, 13], work.dynamics.grasp[g, 14]
 

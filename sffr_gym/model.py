@@ -28,14 +28,16 @@ panel's clamped modal amplitudes, the object's ``x y phi`` (inertial; absent wit
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sffr_gym._jit import kernel
-from sffr_gym.beam import N_TIP, Array, Beam, beam, clamped_modes
+from sffr_gym.beam import N_TIP, Array, Beam, Modes, beam, clamped_modes
 from sffr_gym.params import Params
+from sffr_gym.staggered import longest_stable_step
 
 N_BASE = 3  # x, y, yaw
 N_BODY = 3  # a planar body's coordinates: the object's
@@ -77,11 +79,18 @@ class Model(NamedTuple):
     object_inertia: float
     grasp_arm: IntArray  # (n_g,) index of the arm that holds each grasp point
     grasp_point: Array  # (n_g, 2) [m] object frame
+    staggered: tuple[bool, ...]  # (True,): Q_flex is held over a step (Fig. 1), else (); see is_staggered
     baumgarte: float  # decay rate of constraint errors [1/s]
     longest_step: float  # [s] of the integrator
     stiff: IntArray  # (n_s, 3) panel, mode and index in p of each stiff mode
     stiff_omega: Array  # (n_s,) [rad/s]
     eta: float  # strain-rate damping [s]
+
+
+@kernel(inline=True)
+def is_staggered(model):
+    """Whether Q_flex is held over a step; known from the model's type, so that the exact coupling is compiled alone."""
+    return len(model.staggered) > 0
 
 
 @kernel
@@ -112,10 +121,10 @@ def pack(params: Params) -> Model:
     links = [link for arm in params.arms for link in arm.links]
     panel, mounts = params.panel, params.panel.mounts
     shape = panel_beam(params)
-    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
+    modes = panel_modes(params)
     omega2 = modes.omega**2
     is_axial = np.arange(len(omega2)) < modes.n_axial
-    longest_step = _longest_step(params, modes.omega)
+    longest_step = _longest_step(params, shape, modes)
     is_stiff = modes.omega * longest_step > STIFF
     gyro = modes.shapes[:, ~is_axial].T @ shape.N @ modes.shapes[:, is_axial]
     names = [arm.name for arm in params.arms]
@@ -146,6 +155,7 @@ def pack(params: Params) -> Model:
         object_inertia=params.object.inertia if params.object else 0.0,
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
         grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
+        staggered=(True,) if params.simulation.coupling == "staggered" else (),
         baumgarte=params.simulation.baumgarte,
         longest_step=longest_step,
         stiff=np.array(stiff, dtype=np.int64).reshape(-1, 3),
@@ -159,14 +169,22 @@ def steps_in(model: Model, duration: float) -> int:
     return max(int(np.ceil(duration / model.longest_step - 1e-9)), 1)
 
 
-def _longest_step(params: Params, omega: Array) -> float:
+def _longest_step(params: Params, shape: Beam, modes: Modes) -> float:
     """The configured longest step, or less for the classical method, and for stiff modes that ring on and on.
 
     A stiff mode that turns by 2 pi within a step looks like slow motion to the integrator's stages. Damped as it is by
     default, its vibration is gone after a few steps and does no harm; else a step is kept below half a turn. The free
-    robot's axial modes lie up to a third above the clamped ones.
+    robot's axial modes lie up to a third above the clamped ones. The staggered coupling has a limit of its own.
     """
-    longest = params.simulation.max_step
+    omega, longest = modes.omega, params.simulation.max_step
+    if params.simulation.coupling == "staggered":
+        longest = longest_stable_step(params, shape, modes)
+        if longest < params.simulation.max_step:
+            warnings.warn(
+                f"simulation.max_step = {params.simulation.max_step:g} s is too long for simulation.coupling = "
+                f"staggered, with which these panels swing up; steps of at most {longest:.3g} s are taken",
+                stacklevel=2,  # one place, so that it is shown once
+            )
     if params.simulation.integrator == "rk4":
         return min(longest, RK4_TURN / omega.max(initial=RK4_TURN / longest))
     decay = np.exp(-0.5 * params.panel.strain_rate_damping * omega**2 * longest)
@@ -178,6 +196,11 @@ def panel_beam(params: Params) -> Beam:
     """Shape integrals of the configured panel."""
     panel = params.panel
     return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+
+
+def panel_modes(params: Params) -> Modes:
+    """Clamped modes of the configured panel up to its cuts."""
+    return clamped_modes(panel_beam(params), params.panel.axial_cut, params.panel.bending_cut)
 
 
 def nodal(model: Model, amplitudes: Array) -> Array:

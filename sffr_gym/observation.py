@@ -143,8 +143,8 @@ def observe(robot, reference, want, p, v, work, obs):
         for k in range(N_TIP):
             displacement = rate = 0.0
             for m in range(n_m):
-                displacement += robot.actuators.modal_force[i, m, k] * p[start + i * n_m + m]
-                rate += robot.actuators.modal_force[i, m, k] * v[start + i * n_m + m]
+                displacement += robot.actuators.tips[i, m, k] * p[start + i * n_m + m]
+                rate += robot.actuators.tips[i, m, k] * v[start + i * n_m + m]
             obs[at + N_TIP * i + k] = displacement
             obs[at + N_TIP * (n_p + i) + k] = rate
     at += 2 * N_TIP * n_p

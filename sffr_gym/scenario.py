@@ -116,6 +116,11 @@ class Scenario(Section):
         """Whether the plant is another one than the controllers believe."""
         return self.plant != PlantFactors()
 
+    @property
+    def changes_plant(self) -> bool:
+        """Whether the plant with its actuators is another one than the controllers believe."""
+        return self.changes_model or bool(self.faults)
+
     def hash(self, params: Params) -> str:
         """Hash of everything that defines the episodes of a seed: task, scenario (its wording apart), parameters."""
         return suite_hash([self], params)

@@ -21,6 +21,7 @@ Duration = Annotated[float, Field(gt=0.0, le=0.1)]  # longer is taken for millis
 Name = Annotated[str, Field(min_length=1)]
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
+Spans = Annotated[tuple[Vec2, ...], Field(min_length=1)]
 NonNegative3 = tuple[NonNegative, NonNegative, NonNegative]
 
 
@@ -131,10 +132,23 @@ class Object(Section):
 class Piezo(Section):
     """The piezoelectric actuators of each panel."""
 
-    array: Literal["generalized"] = Field(description="what the channels act on [-]")
-    force: Positive = Field(description="force at full voltage on the axial and transverse tip coordinates [N]")
+    array: Literal["generalized", "patches", "tip"] = Field(description="what the channels act on [-]")
+    force: Positive = Field(description="force at full voltage: of a patch, on the axial, transverse coordinate [N]")
     moment: Positive = Field(description="moment at full voltage on the tip slope [N m]")
     voltage: Positive = Field(description="full voltage [V]")
+    patches: Spans = Field(description="patch pairs near the root, each from and to, as parts of the length [-]")
+    tip: Spans = Field(description="patch pairs at the tip, likewise [-]")
+
+    @field_validator("patches", "tip")
+    @classmethod
+    def _check_spans(cls, spans: tuple[Vec2, ...]) -> tuple[Vec2, ...]:
+        end = 0.0
+        for start, stop in spans:
+            if not end <= start < stop <= 1.0:
+                reason = "must be spans [from, to] with 0 <= from < to <= 1, none beginning before the last one ends"
+                raise PydanticCustomError(CHECK, "{reason}", {"reason": reason})
+            end = stop
+        return spans
 
 
 class Actuators(Section):
@@ -218,7 +232,7 @@ class Suppression(Section):
 class Simulation(Section):
     """Numerical settings of the simulation."""
 
-    coupling: Literal["exact"] = Field(description="how rigid and elastic motion are coupled [-]")
+    coupling: Literal["exact", "staggered"] = Field(description="how rigid and elastic motion are coupled [-]")
     integrator: Literal["etdrk4", "rk4"] = Field(description="integration method [-]")
     max_step: Duration = Field(description="longest integration step [s]")
     baumgarte: NonNegative = Field(description="decay rate of drift from the grasp constraints [1/s]")

@@ -61,11 +61,12 @@ class Applied(NamedTuple):
 
 
 class Simulator:
-    """The plant: rigid part, flexible panels, exact coupling, pinned object, actuators with limits.
+    """The plant: rigid part, flexible panels, their coupling, pinned object, actuators with limits.
 
     Args:
         params: the robot; the paper's case study if left out.
-        coupling: ``exact`` (all accelerations at once); from the parameters if left out.
+        coupling: ``exact`` (all accelerations at once) or ``staggered`` (Fig. 1: the base feels the Q_flex of a step's
+            start until its end; of first order); from the parameters if left out.
         integrator: ``etdrk4`` or ``rk4``; from the parameters if left out.
         max_step: longest integration step [s]; from the parameters if left out.
 
@@ -115,7 +116,7 @@ class Simulator:
             piezo_volts: (n_p, n_c) voltages [V]; not both.
             wrench: (3,) force of the surroundings on the base along the base axes and moment; it knows no limit.
             dt: duration [s]; the control period if left out. Cut into steps of at most ``simulation.max_step``, or less
-                for panels without damping.
+                for panels without damping, the classical method, or the staggered coupling.
 
         Raises:
             ValueError: for a wrong shape or a number that is not finite, in the state or the forces, a duration that is

@@ -292,7 +292,7 @@ def _tip(robot, i, p, at):
     """Magnitude of a panel's transverse tip displacement [m]."""
     tip = 0.0
     for m in range(robot.model.omega2.shape[1]):
-        tip += robot.actuators.modal_force[i, m, 1] * p[at + m]
+        tip += robot.actuators.tips[i, m, 1] * p[at + m]
     return abs(tip)
 
 

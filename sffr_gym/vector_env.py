@@ -16,9 +16,10 @@ from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
 from sffr_gym.episode import draw
+from sffr_gym.fleet import make_fleet, put_robot
 from sffr_gym.observation import observation_fields
 from sffr_gym.scenario import load_scenario
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, episode_robot, make_robot
 
 Mask = np.ndarray
 Infos = dict[str, Any]
@@ -75,7 +76,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._max_steps = max_episode_steps
-        self._batch = make_batch(self.robot, num_envs)
+        self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, num_envs)
         self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
         self._drawn: dict[str, tuple[Array, Mask]] = {}  # values, and which environments drew one
         self._ticks = np.zeros(num_envs, dtype=np.int64)
@@ -114,7 +115,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if (self._done & ~again).any():
             finished = np.flatnonzero(self._done).tolist()
             raise gym.error.ResetNeeded(f"environments {finished} are done: reset them with options['reset_mask']")
-        step_batch(self.robot, self._batch, actions, ~again)
+        step_batch(self._fleet, self._batch, actions, ~again)
         if again.any():
             self._restart(again)
         terminated = self._batch.status != RUNNING
@@ -139,9 +140,13 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Draw and start new episodes."""
         for _, has in self._drawn.values():
             has[mask] = False
+        if self.scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
+            self._fleet = make_fleet(self.robot, self.num_envs)  # until here all were alike
         for i in np.flatnonzero(mask):
             episode = draw(self.scenario, self.params, self.robot.model, self._rngs[i])
-            start_episode(self.robot, self._batch, int(i), episode)
+            if len(self._fleet.numbers) == self.num_envs:
+                put_robot(self._fleet, int(i), episode_robot(self.robot, episode))
+            start_episode(self._fleet, self._batch, int(i), episode)
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True

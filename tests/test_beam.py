@@ -97,7 +97,7 @@ def test_elements_are_nested(coarse: int) -> None:
     fine, step = 2 * coarse, LENGTH / coarse
     P = np.zeros((3 * fine, 3 * coarse))
     for element in range(coarse):
-        U, W, _, _ = shape_functions(0.5, step)
+        U, W, *_ = shape_functions(0.5, step)
         slope = np.array([0, -1.5 / step, -0.25, 0, 1.5 / step, -0.25])  # dW/dx at mid-length
         middle = np.vstack([U, W, slope])
         near, far = 3 * (element - 1), 3 * element  # columns of the element's nodes; the root has none
@@ -119,12 +119,14 @@ def test_shape_functions_interpolate_their_nodes() -> None:
     """At the two nodes U, W and dW/dx are unit vectors, and the derivatives are those of U and W."""
     length, h = 1.7, 1e-4
     for xi, first in ((0.0, 0), (1.0, 3)):
-        U, W, _, _ = shape_functions(xi, length)
+        U, W, *_ = shape_functions(xi, length)
         np.testing.assert_array_equal(U, np.eye(6)[first])
         np.testing.assert_array_equal(W, np.eye(6)[first + 1])
     for xi in (h, 0.3, 1 - h):
-        (Ua, Wa, _, _), (_, Wb, dU, d2W), (Uc, Wc, _, _) = (shape_functions(xi + k * h, length) for k in (-1, 0, 1))
+        before, (_, Wb, dU, dW, d2W), after = (shape_functions(xi + k * h, length) for k in (-1, 0, 1))
+        (Ua, Wa), (Uc, Wc) = before[:2], after[:2]
         np.testing.assert_allclose((Uc - Ua) / (2 * h * length), dU, atol=1e-11)
+        np.testing.assert_allclose((Wc - Wa) / (2 * h * length), dW, atol=1e-7)
         np.testing.assert_allclose((Wa - 2 * Wb + Wc) / (h * length) ** 2, d2W, atol=1e-6)  # rounding: 1e-16 / h^2
     for xi, column in ((0.0, 2), (1.0, 5)):  # the slope coordinates are the slopes at the ends, of a cubic by 3 points
         W = [shape_functions(abs(xi - k * h), length)[1] for k in range(4)]

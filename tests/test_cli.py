@@ -1,16 +1,14 @@
 """The command line: what it writes and prints, and how it refuses."""
 
-import io
 import json
 import sys
-import time
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
-from agents import cli
+from agents import cli, verify
 from sffr_gym import load_params
+from verification import Check
 
 SCENARIO = "name: short\ndescription: Nothing is drawn.\nduration: 1.0\n"
 
@@ -189,49 +187,59 @@ def test_version():
     assert sffr("--version").stdout.startswith("sffr-gym ")
 
 
-def display(compiled, monkeypatch, **settings):
-    """A display on a terminal that a test can read, and what it wrote."""
-    monkeypatch.setattr(cli, "is_compiled", lambda: compiled)
-    for name, value in settings.items():
-        monkeypatch.setattr(cli.Display, name, value)
-    text = io.StringIO()
-    return cli.Display(
-        Console(file=text, force_terminal=True, highlight=False, width=100, _environ={"TERM": "xterm"})
-    ), text
+def failed_check(**changes):
+    check = Check("Rigid H", "Pinocchio", 2e-3, 1e-11, "", False, 0.5, "too far", section="Rigid part")
+    return check._replace(**changes)
 
 
-def test_first_run_says_at_once_that_it_compiles(monkeypatch):
-    show, text = display(False, monkeypatch)
-    with show:
-        show("none", 0, 0)
-        assert cli.Display.COMPILING in text.getvalue()
-        show("none", 0, 100)
-        assert "compiled in" not in text.getvalue()
-        show("none", 10, 100)
-        assert "compiled in 0 s" in text.getvalue()
-        show("hsc", 50, 100)
-        show("hsc", 60, 100)
-    assert text.getvalue().count(cli.Display.COMPILING) == 1
+@pytest.fixture
+def no_checks(monkeypatch):
+    """Checks that need nothing and take no time; the list can be changed by a test."""
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    found = [failed_check(passed=True, error=1e-16), failed_check(name="Rigid C", passed=True, error=1e-16)]
+    monkeypatch.setattr(verify, "missing_libraries", lambda sections: {})
+    monkeypatch.setattr(verify, "run_checks", lambda quick, sections, progress: iter(found))
+    return found
 
 
-def test_silent_policy_is_taken_for_one_that_compiles(monkeypatch):
-    show, text = display(True, monkeypatch, SILENCE=0.05)
-    with show:
-        show("none", 0, 0)
-        show("none", 10, 100)
-        assert text.getvalue() == ""
-        show("random", 50, 100)
-        deadline = time.monotonic() + 10.0
-        while cli.Display.COMPILING not in text.getvalue() and time.monotonic() < deadline:
-            time.sleep(0.01)
-        show("random", 60, 100)
-    assert text.getvalue().index(cli.Display.COMPILING) < text.getvalue().index("compiled in")
+def test_verify_prints_a_table_and_writes_the_page(no_checks, tmp_path):
+    done = sffr("verify", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    for word in "Rigid part", "Rigid H", "Rigid C", "Pinocchio", "1e-16", "1e-11", "all 2 checks passed, 1 s":
+        assert word in done.stdout
+    assert "Rigid H" in (tmp_path / "verification.html").read_text(encoding="utf-8")
+    again = sffr("verify", "--out", tmp_path)
+    assert again.exit_code == 2 and "--overwrite" in again.stderr
+    assert sffr("verify", "--out", tmp_path, "--overwrite", "--quiet").output == ""
 
 
-def test_bar_shows_for_a_long_run_only(monkeypatch):
-    for patience, shown in (0.0, True), (1000.0, False):
-        show, text = display(True, monkeypatch, PATIENCE=patience)
-        with show:
-            for done in 0, 10, 20, 100:
-                show("none", done, 100)
-        assert ("remaining" in text.getvalue()) is shown
+def test_verify_fails_with_a_failed_check_and_says_why(no_checks, tmp_path):
+    no_checks.append(failed_check(name="Rigid x"))
+    failed = sffr("verify", "--out", tmp_path)
+    assert failed.exit_code == 1
+    assert "FAIL Rigid x: too far" in failed.stdout and "1 of 3 checks failed" in failed.stdout
+    assert (tmp_path / "verification.html").exists()
+
+
+def test_verify_runs_a_section_alone(tmp_path):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    done = sffr("verify", "--quick", "--section", "coupling", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "Coupled solution" in done.stdout and "Rigid part" not in done.stdout
+
+
+def test_verify_names_the_nearest_section(tmp_path):
+    failed = sffr("verify", "--section", "rigd", "--out", tmp_path / "new")
+    assert failed.exit_code == 2 and "'rigid'" in failed.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_verify_without_its_libraries_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(verify, "missing_libraries", lambda sections: dict.fromkeys(sections, "exudyn"))
+    monkeypatch.setattr(verify, "PAGE_LIBRARIES", ("unheard_of",))
+    failed = sffr("verify", "--out", tmp_path / "new")
+    assert failed.exit_code == 2
+    assert failed.stderr.splitlines() == ["error: not installed: unheard_of, exudyn; pip install 'sffr-gym[verify]'"]
+    assert not (tmp_path / "new").exists()

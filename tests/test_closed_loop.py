@@ -1,5 +1,7 @@
 """The closed loop on the case study: the compiled loop is the environment's, and the numbers of the paper's task."""
 
+import contextlib
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -258,7 +260,9 @@ def test_sampled_axial_damping(short, overrides, stable):
 
     With the default strain-rate damping it does not, nor does it at 0.5 ms.
     """
-    trajectory, simulator = run("hsc", short("nominal", 12.0), overrides=[*overrides, *FULL_LAW])
+    announced = contextlib.nullcontext() if stable else pytest.warns(UserWarning, match="tears the panels apart")
+    with announced:
+        trajectory, simulator = run("hsc", short("nominal", 12.0), overrides=[*overrides, *FULL_LAW])
     assert (sampled_axial_growth(simulator.params) < 1.0) == stable
     assert trajectory.failure == ("" if stable else "panel tip beyond the model's range")
     axial = np.abs(trajectory.p[:, mode_slice(simulator.model).start])

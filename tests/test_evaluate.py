@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from agents import run_folder
-from agents.evaluate import COLUMNS, Evaluation, evaluate, number, remarks, table
+from agents.evaluate import COLUMNS, Evaluation, evaluate, number, remarks, table, with_right_models
 from agents.run_folder import check_folder, git_state, read_episodes, to_json, write_run, write_whole
 from agents.score import Result, costs, ratios
 from baselines import make_policy
@@ -19,6 +19,7 @@ from baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.metrics import MEASURES, measure
+from sffr_gym.scenario import load_scenario
 
 SEED = 1_000_003
 POLICIES = ["none", "hsc", "ahsc"]
@@ -197,6 +198,61 @@ def test_table_shows_values_in_the_units_of_its_heading(evaluation):
     assert units[3] == "mJ"
     assert float(row[3]) == pytest.approx(means["none"]["vibration"] * 1e3, rel=5e-3)
     assert float(row[-2]) == pytest.approx(costs(evaluation.results)["none"], rel=5e-3)
+
+
+@pytest.fixture(scope="module")
+def heavy(tmp_path_factory):
+    """HSC and no suppression with an object that is heavier than they believe."""
+    file = tmp_path_factory.mktemp("scenario") / "heavy.yaml"
+    file.write_text("{name: heavy, description: A heavier object., duration: 2.0, plant: {object: [10.0, 20.0]}}")
+    return evaluate(["none", "hsc"], str(file), episodes=2, seed=SEED)
+
+
+def test_a_wrong_model_stands_beside_the_right_one(heavy):
+    """Where the plant is not the robot of the parameters, the table and the files show the law with either model."""
+    assert list(heavy.results) == ["none", "hsc", "hsc-oracle"]
+    means = heavy.summary()["policies"]
+    assert means["hsc"]["track_rmse"] > 10.0 * means["hsc-oracle"]["track_rmse"]
+    rows = [line.split()[0] for line in printed(heavy, 100) if line.strip()]
+    assert {"hsc", "hsc-oracle"} <= set(rows)
+    assert any("oracles know each episode's plant" in line for line in remarks(heavy))
+    columns = run_folder.episodes_csv([*heavy.results["hsc-oracle"]]).splitlines()[0].split(",")
+    assert columns[-1] == "object_factor"
+
+
+@pytest.mark.parametrize(
+    ("given", "run"),
+    [
+        (["none", "hsc", "ahsc"], ["none", "hsc", "hsc-oracle", "ahsc", "ahsc-oracle"]),
+        (["hsc", "hsc-oracle"], ["hsc", "hsc-oracle"]),
+        (["random"], ["random"]),
+    ],
+)
+def test_oracles_run_where_the_plant_is_not_the_known_one(given, run):
+    """They stand behind their law, once, in scenarios of another plant alone."""
+    assert with_right_models(given, load_scenario("mismatch")) == run
+    assert with_right_models(given, load_scenario("degraded")) == given
+
+
+def test_an_oracle_of_the_known_plant_is_its_law(scenario):
+    """Where nothing differs, the right model changes nothing, bit for bit."""
+    results = evaluate(["ahsc", "ahsc-oracle"], scenario, episodes=2, seed=SEED).results
+    for left, right in zip(*results.values(), strict=True):
+        assert left.measures == right.measures
+
+
+def test_progress_counts_the_periods_of_each_episode(tmp_path):
+    """Episodes of different lengths add up to the total, and the title does not claim one length for all."""
+    file, seen = tmp_path / "fast.yaml", []
+    file.write_text("{name: fast, description: Fast ones., speed: [0.08, 0.12]}")
+    found = evaluate(
+        ["none"], str(file), episodes=2, seed=SEED, overrides=["path.radius=0.05"],
+        progress=lambda _, done, total: seen.append((done, total)),
+    )  # fmt: skip
+    lengths = [round(result.measures["duration"] / 2e-3) for result in found.results["none"]]
+    assert lengths[0] != lengths[1]
+    assert seen[-1] == (sum(lengths), sum(lengths)) and [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert any("2 episodes once around" in line for line in printed(found, 100))
 
 
 def test_failures_are_counted_and_explained(failing):

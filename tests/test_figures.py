@@ -11,7 +11,7 @@ from baselines.rollout import STRIDE
 from sffr_gym.beam import N_TIP
 from sffr_gym.kinematics import grasp_points, rotation
 from sffr_gym.model import mode_slice, nodal, object_slice
-from sffr_gym.task import ERROR, VIBRATION
+from sffr_gym.task import ERROR, TIP, VIBRATION
 
 mpl = pytest.importorskip("matplotlib")
 from matplotlib.colors import to_rgb  # noqa: E402
@@ -44,7 +44,7 @@ def evaluation(tmp_path_factory):
 @pytest.fixture(scope="module")
 def view(evaluation):
     """The same for the painters."""
-    return make_view(evaluation)
+    return make_view(evaluation.first)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_panels_side_by_side_share_a_range_that_shows_both(view):
 
 def test_no_damping_figure_without_damping(tmp_path):
     none = run(tmp_path, ["none"])
-    assert damping(make_view(none)) is None
+    assert damping(make_view(none.first)) is None
     assert [file.name for file in save_figures(tmp_path, none)] == [name for name in FIGURES if name != "damping.png"]
 
 
@@ -176,7 +176,7 @@ def test_policy_that_fails_does_not_squash_the_others(tmp_path):
     both = run(tmp_path, ["hsc", "random"], "limits.position=0.5", "limits.tip=0.15")
     assert both.first["random"].failure and not both.first["hsc"].failure
     (axes,) = (
-        each for each in forces(make_view(both)).axes if each.get_title(loc="left") == "left piezo transverse [V]"
+        each for each in forces(make_view(both.first)).axes if each.get_title(loc="left") == "left piezo transverse [V]"
     )
     volts = {policy: np.abs(trajectory.applied[:, 1]).max() for policy, trajectory in both.first.items()}
     assert volts["hsc"] < axes.get_ylim()[1] < 2.0 * volts["hsc"] < volts["random"]
@@ -184,8 +184,39 @@ def test_policy_that_fails_does_not_squash_the_others(tmp_path):
 
 def test_robot_without_an_object_or_arms_is_drawn(tmp_path):
     free = run(tmp_path, ["hsc"], "object=null", "arms=[]", "initial.q=[0, 0, 0]", "initial.qd=[0.85, 0, 0]")
-    view = make_view(free)
+    view = make_view(free.first)
     figure = path_figure(free.first["hsc"], view.model, view.params)
     texts = {text.get_text() for text in figure.axes[1].texts}
     assert {"base", "left panel", "right panel"} <= texts and "object" not in texts
     assert len(save_figures(tmp_path, free)) == len(FIGURES)
+
+
+def episode_of(folder, text, policies=("none",)):
+    """Evaluate policies on one episode of a scenario."""
+    file = folder / "mine.yaml"
+    file.write_text(f"{{name: mine, description: A test's., duration: 0.5, {text}}}")
+    return make_view(evaluate(policies, str(file), episodes=1).first)
+
+
+def test_tracking_shows_the_truth_and_not_what_noisy_sensors_saw(tmp_path):
+    """The lines are the magnitudes of the true errors, a thousand times smaller than the noise here."""
+    view = episode_of(tmp_path, "sensors: {position: 1.0e-2}")
+    figure, trajectory = tracking(view), view.trajectories["none"]
+    shown = figure.axes[0].get_lines()[0].get_ydata()
+    true = trajectory.signals[STRIDE - 1 :: STRIDE, ERROR]  # after each period that a recorded one follows
+    np.testing.assert_allclose(shown[1 : len(true) + 1], true[: len(shown) - 1], rtol=0, atol=1e-14)
+    seen = np.linalg.norm(trajectory.obs[:, trajectory.fields["object_error"].slice], axis=1)
+    assert seen.mean() > 1e-2 > shown.max()
+
+
+def test_figures_show_the_robot_of_the_episode(tmp_path):
+    """Quasi-static shape, tips and limits are those of the drawn plant and its fault, not of the parameters."""
+    view = episode_of(tmp_path, "plant: {EI: [0.5, 0.5]}, faults: [{actuators: thruster, remaining: 0.25}]")
+    trajectory = view.trajectories["none"]
+    assert view.params.panel.EI == 10.0
+    np.testing.assert_array_equal(view.limit[6:9], [25.0, 25.0, 25.0])
+    titles = [axes.get_title("right") for axes in forces(view).axes]
+    assert "limit \u00b125 N" in titles and "limit \u00b17 N m" in titles
+    bends = np.abs(tip_deflections(view.model, trajectory.p)).max(axis=1)
+    measured = trajectory.signals[STRIDE - 1 :: STRIDE, TIP]
+    np.testing.assert_allclose(bends[1:], measured[: len(bends) - 1], rtol=0, atol=1e-14)

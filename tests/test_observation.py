@@ -9,6 +9,7 @@ from oracle import Oracle
 from sffr_gym.batch import make_batch, start_episode, view_one
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw
+from sffr_gym.fleet import make_fleet
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.observation import observation_fields
@@ -72,7 +73,7 @@ class Observer:
         self.params = params
         wide = [f"limits.{name}=1000" for name in ("position", "velocity", "angle", "rate")]  # nothing is cut off
         self.robot = make_robot(params.with_overrides(*wide))
-        self.model = self.robot.model
+        self.fleet, self.model = make_fleet(self.robot), self.robot.model
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
         self.fields = observation_fields(self.model, params)
@@ -81,9 +82,9 @@ class Observer:
     def __call__(self, p, v, tick):
         """Return the observation (n_o,) of positions and velocities at a control tick."""
         batch = make_batch(self.robot, 1)
-        start_episode(self.robot, batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
+        start_episode(self.fleet, batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
         batch.tick[0] = tick
-        view_one(self.robot, batch, 0)
+        view_one(self.fleet, batch, 0)
         return batch.obs[0]
 
     def perturbed(self, seed):

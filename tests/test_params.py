@@ -15,13 +15,19 @@ from sffr_gym import config
 from sffr_gym.params import Base, ConfigError, Params, config_dir, load_params
 
 SHIPPED = config_dir() / "sffr.yaml"
-OTHER_WORDS = {"fixed": "tangent", "etdrk4": "rk4", "auto": "all"}
+OTHER_WORDS = {"fixed": "tangent", "etdrk4": "rk4", "auto": "all", "exact": "staggered", "generalized": "tip"}
+PATCHES, TIP = "actuators.piezo.patches", "actuators.piezo.tip"
 # Keys that another one refers to change together with it.
 TOGETHER = {
     "arms.0.name": {"arms.0.name": "first", "object.grasps.0.arm": "first"},
     "arms.1.name": {"arms.1.name": "second", "object.grasps.1.arm": "second"},
     "object.grasps.0.arm": {"object.grasps.0.arm": "arm2", "object.grasps.1.arm": "arm1"},
     "object.grasps.1.arm": {"object.grasps.0.arm": "arm2", "object.grasps.1.arm": "arm1"},
+    **{
+        f"{PATCHES}.{i}.1": {f"{PATCHES}.{i}.1": 0.1 * i + 0.105, f"{PATCHES}.{i + 1}.0": 0.1 * i + 0.105}
+        for i in range(3)
+    },
+    f"{TIP}.0.1": {f"{TIP}.0.1": 0.99},
 }
 
 
@@ -69,7 +75,6 @@ def write(folder, text):
     return path
 
 
-ONE_CHOICE = {"simulation.coupling", "actuators.piezo.array"}  # keys with a single allowed value so far
 LEAVES = flatten(shipped_tree())
 KEYS = [(section, name) for section, names in sections(shipped_tree()).items() for name in names]
 
@@ -121,7 +126,7 @@ def test_no_field_has_a_default_and_every_number_has_a_unit():
     check(Params)
 
 
-@pytest.mark.parametrize("key", [key for key in LEAVES if key not in ONE_CHOICE])
+@pytest.mark.parametrize("key", list(LEAVES))
 def test_every_key_changes_the_loaded_object(params, key, tmp_path):
     """An override and a file change the value at the key, the same way, and nothing else."""
     changes = TOGETHER.get(key, {key: other_value(LEAVES[key])})
@@ -220,9 +225,14 @@ def test_nonnegative_quantities(params, key):
         ("panel.elements=2.0", r"must be a whole number \("),
         ("arms.0.links.1.com=1.01", r"must be at most the link's length 1 \[m\]"),
         ("path.heading=off", r"must be 'fixed' or 'tangent' \("),
-        ("simulation.coupling=both", r"must be 'exact' \("),
+        ("simulation.coupling=both", r"must be 'exact' or 'staggered' \("),
         ("simulation.integrator=euler", r"must be 'etdrk4' or 'rk4' \("),
-        ("actuators.piezo.array=none", r"must be 'generalized' \("),
+        ("actuators.piezo.array=none", r"must be 'generalized', 'patches' or 'tip' \("),
+        (f"{PATCHES}=[]", r"must have at least 1 entry \("),
+        (f"{PATCHES}=[[0.2, 0.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
+        (f"{PATCHES}=[[0.0, 0.2], [0.1, 0.3]]", r"must be spans .*none beginning before the last one ends"),
+        (f"{TIP}=[[0.9, 1.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
+        (f"{TIP}=[[-0.1, 0.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
         ("suppression.coordinates=[]", r"must be auto, all, or a list"),
         ("suppression.coordinates=[q5, q5]", r"must be auto, all, or a list"),
         ("suppression.coordinates=[q5, q7]", r"must be auto, all, or a list"),

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigvals
 from scipy.signal import cont2discrete
 
-from baselines.stability import largest_stable_damping, sampled_growth
+from baselines.stability import axial_alone, largest_stable_damping, sampled_growth
 from sffr_gym import Simulator, load_params
 from sffr_gym.model import pack, tip_rows
 
@@ -18,12 +18,6 @@ BENDING = np.array([0.0, 1.0, 1.0])
 
 def model_of(*overrides):
     return pack(load_params().with_overrides(*overrides))
-
-
-def axial_alone(model):
-    """The same panel without its bending modes, whose growth near 1 would hide that of the axial mode."""
-    kept = slice(None, model.n_axial)
-    return model._replace(omega2=model.omega2[:, kept], damping=model.damping[:, kept], shapes=model.shapes[:, :, kept])
 
 
 @pytest.mark.parametrize(("eta", "growth"), [(3.5e-5, 0.869), (0.0, 1.114)])
@@ -106,9 +100,10 @@ def test_no_axial_damping_at_all_is_stable_for_an_undamped_panel_at_2_ms():
 
 def test_light_tip_node_of_several_elements_bears_less():
     """The tip's velocity must not reverse within a sample: ``B T phi' phi < 2`` over all modes."""
-    limits = [largest_stable_damping(model_of(f"panel.elements={n}"), [0, 0, 1], ALL, 5.0e-4) for n in (1, 2, 4)]
+    models = [model_of(f"panel.elements={n}", "panel.bending_cut=1.0e+9") for n in (1, 2, 4)]
+    limits = [largest_stable_damping(model, [0, 0, 1], ALL, 5.0e-4) for model in models]
     assert limits[0] > 10.0 * limits[1] > 50.0 * limits[2]
-    stiffest = [np.sum(tip_rows(model_of(f"panel.elements={n}"))[0, 2] ** 2) for n in (1, 2, 4)]
+    stiffest = [np.sum(tip_rows(model)[0, 2] ** 2) for model in models]
     assert limits[0] == pytest.approx(2.0 / (5.0e-4 * stiffest[0]), rel=1e-2)
 
 

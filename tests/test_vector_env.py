@@ -17,8 +17,9 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from sffr_gym import ConfigError, batch
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw
+from sffr_gym.fleet import make_fleet
 from sffr_gym.params import load_params
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import load_scenario, scenario_names
 from sffr_gym.task import REASONS, RUNNING, make_robot
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 
@@ -94,14 +95,52 @@ def test_batch_equals_single_environments(scenario, mode, n):
     assert ends.sum() > 0
 
 
+@pytest.mark.parametrize("name", scenario_names())
+def test_batch_equals_single_environments_in_every_scenario(name):
+    """Plants, faults, sensors and blows of each environment are those of its seed, and its info tells them."""
+    n = 5
+    native = SFFRFlexVectorEnv(n, scenario=name)
+    single = SyncVectorEnv([lambda: SFFRFlexEnv(name)] * n)
+    assert_outputs_agree(native.reset(seed=30), single.reset(seed=30))
+    for inputs in actions(60, n):
+        assert_outputs_agree(native.step(inputs), single.step(inputs))
+    native.close()
+
+
+def test_plants_come_and_go_with_the_scenario():
+    """Environments of one batch may be in scenarios of one plant for all and of one for each, in any order."""
+    n = 3
+    native = SFFRFlexVectorEnv(n, autoreset_mode=AutoresetMode.DISABLED)
+    singles = [SFFRFlexEnv() for _ in range(n)]
+    native.reset(seed=7)
+    for i, env in enumerate(singles):
+        env.reset(seed=7 + i)
+    for name, who in (
+        ("mismatch", [1]),
+        ("degraded", [0, 1]),
+        ("nominal", [0]),
+        ("payload", [2]),
+        ("nominal", [0, 1, 2]),
+    ):
+        native.reset(options={"scenario": name, "reset_mask": np.isin(np.arange(n), who)})
+        for i in who:
+            singles[i].reset(options={"scenario": name})
+        for inputs in actions(10, n):
+            obs, reward, *_ = native.step(inputs)
+            for i, env in enumerate(singles):
+                alone = env.step(inputs[i])
+                np.testing.assert_array_equal(obs[i], alone[0])
+                assert reward[i] == alone[1]
+
+
 @pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 4, 2), (3, 4, 3), (3, 5, 2), (8, 1, 8)])
 def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
     """However a batch is cut up for the threads, it goes through the same states."""
     n, calls, step_range = 13, [], batch.step_range
 
-    def spy(robot, envs, inputs, active, first, last):
+    def spy(fleet, envs, inputs, active, first, last):
         calls.append((first, last))
-        step_range(robot, envs, inputs, active, first, last)
+        step_range(fleet, envs, inputs, active, first, last)
 
     monkeypatch.setattr(batch, "step_range", spy)
     results = []
@@ -120,17 +159,17 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
 def test_a_neighbour_that_blows_up_does_no_harm():
     """A state that overflows ends its own episode alone; the others do not feel it, in whatever order they come."""
     robot, params = make_robot(load_params()), load_params()
-    rng = np.random.default_rng(0)
+    fleet, rng = make_fleet(robot), np.random.default_rng(0)
     episodes = [draw(load_scenario("excited"), params, robot.model, rng) for _ in range(3)]
     envs, alone = batch.make_batch(robot, 3), batch.make_batch(robot, 3)
     for i, episode in enumerate(episodes):
-        batch.start_episode(robot, envs, i, episode)
-        batch.start_episode(robot, alone, i, episode)
+        batch.start_episode(fleet, envs, i, episode)
+        batch.start_episode(fleet, alone, i, episode)
     envs.v[1, 4] = 1.0e200
     inputs = actions(1, 3)[0]
     with np.errstate(all="ignore"):  # where the kernels are not compiled
-        batch.step_batch(robot, envs, inputs, np.ones(3, dtype=bool))
-    batch.step_batch(robot, alone, inputs, np.array([True, False, True]))
+        batch.step_batch(fleet, envs, inputs, np.ones(3, dtype=bool))
+    batch.step_batch(fleet, alone, inputs, np.array([True, False, True]))
     assert REASONS[envs.status[1]] == "non-finite state"
     for left, right in zip(envs, alone, strict=True):
         np.testing.assert_array_equal(left[[0, 2]], right[[0, 2]])

@@ -16,12 +16,13 @@ LIBRARIES = {
     "control_law": ["sympy"],
     "rigid": ["pinocchio"],
     "coupling": [],
+    "staggered": [],
     "conservation": [],
     "grasp": ["mujoco", "exudyn"],
     "fig5": ["mujoco", "exudyn"],
 }
 SLOW = {"fig5", "grasp"}
-INTEGRATING = {"conservation", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
+INTEGRATING = {"conservation", "staggered", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
 
 
 SECTIONS = [
@@ -92,10 +93,26 @@ def test_a_missing_library_and_a_broken_check_are_failures(monkeypatch):
 
     monkeypatch.setattr(suite, "SECTIONS", (("One", "first"), ("Two", "second")))
     monkeypatch.setattr(suite, "import_module", find)
-    missing, raised, good = run_checks(quick=True)
+    begun = []
+    missing, raised, good = run_checks(quick=True, progress=lambda what, done, total: begun.append((what, done, total)))
+    assert begun[1:] == [
+        ("A section whose library is missing, or a check that broke down", 0, 3),
+        ("", 1, 3),
+        ("", 2, 3),
+    ]
+    assert suite.missing_libraries(["first", "second"]) == {"first": "engine"}
     assert not missing.passed and "engine" in missing.note and "sffr-gym[verify]" in missing.note
     assert not raised.passed and raised.name == "diverges" and raised.note == "FloatingPointError: no solution"
     assert good.passed and good.section == "Two" and good.seconds < 0.5
+
+
+def test_a_simulator_that_does_not_run_is_a_failure(monkeypatch):
+    def no_simulator():
+        raise FloatingPointError("not finite")
+
+    monkeypatch.setattr(suite, "Simulator", no_simulator)
+    (failed,) = run_checks(quick=True, sections=[])
+    assert not failed.passed and failed.note == "FloatingPointError: not finite"
 
 
 @pytest.mark.parametrize(

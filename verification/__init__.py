@@ -4,7 +4,7 @@ The engines are in the extra ``verify``; what is missing fails its own checks al
 """
 
 from verification.check import Check, Picture
-from verification.page import number, write_page
-from verification.suite import compile_kernels, run_checks
+from verification.page import FILE, number, write_page
+from verification.suite import NAMES, SECTIONS, missing_libraries, run_checks
 
-__all__ = ["Check", "Picture", "compile_kernels", "number", "run_checks", "write_page"]
+__all__ = ["FILE", "NAMES", "SECTIONS", "Check", "Picture", "missing_libraries", "number", "run_checks", "write_page"]

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym import monolithic
-from sffr_gym.beam import N_TIP, beam, clamped_modes
+from sffr_gym.beam import N_TIP
 from sffr_gym.kinematics import rotation
-from sffr_gym.model import Model, pack
+from sffr_gym.model import Model, pack, panel_modes
 from sffr_gym.params import Params
 from verification.motion import RECORD, Array, Motion, Piece, stack
 
@@ -72,9 +72,7 @@ def simulate(params: Params, pieces: Sequence[Piece], geometric: bool = True) ->
 
 
 def _panel(params: Params) -> Panel:
-    panel = params.panel
-    shape = beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
-    modes = clamped_modes(shape, panel.axial_cut, panel.bending_cut)
+    panel, modes = params.panel, panel_modes(params)
     kept = modes.shapes[:, modes.n_axial :]
     nodes = np.vstack([np.zeros((N_TIP, kept.shape[1])), kept])
     size = panel.length / panel.elements

@@ -49,7 +49,7 @@ def rigid_places_mujoco() -> Check:
     )
     return judge(
         "Closed chain without panels: base, grippers, object", "MuJoCo, its softness extrapolated to 0",
-        place_error(a, b), 1.0e-8, "m",
+        place_error(a, b), 1.0e-9, "m",
         f"Random torques up to {RIGID_TORQUE:g} N m, {SECONDS:g} s; angles count as metres at 1 m. "
         + _series("at softness", SOFTNESS, errors["MuJoCo, softness"][1]), picture,
     )  # fmt: skip
@@ -61,7 +61,7 @@ def rigid_forces_mujoco() -> Check:
     found = [relative(rigid_mujoco(s).lam, a.lam) for s in SOFTNESS]
     return judge(
         "Closed chain without panels: grasp forces", "MuJoCo, its softness extrapolated to 0", relative(b.lam, a.lam),
-        1.0e-5, "", "Relative to the largest force. " + _series("at softness", SOFTNESS, found),
+        1.0e-6, "", "Relative to the largest force. " + _series("at softness", SOFTNESS, found),
     )  # fmt: skip
 
 
@@ -71,7 +71,7 @@ def rigid_places_exudyn() -> Check:
     found = [place_error(a, rigid_exudyn(h)) for h in STEPS]
     return judge(
         "Closed chain without panels: base, grippers, object", "Exudyn, its step extrapolated to 0", place_error(a, b),
-        1.0e-6, "m", _series("at a step of", STEPS, found, " s"),
+        1.0e-7, "m", _series("at a step of", STEPS, found, " s"),
     )  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def rigid_forces_exudyn() -> Check:
     a, b = rigid_ours(), rigid_exudyn(STEPS[-1])
     found = [rms(rigid_exudyn(h).lam - a.lam) / rms(a.lam) for h in STEPS]
     return judge(
-        "Closed chain without panels: grasp forces", "Exudyn, step 1 ms", rms(b.lam - a.lam) / rms(a.lam), 0.003, "",
+        "Closed chain without panels: grasp forces", "Exudyn, step 1 ms", rms(b.lam - a.lam) / rms(a.lam), 0.001, "",
         "Rms relative; its multipliers lag where the torques jump. " + _series("at a step of", STEPS, found, " s"),
     )  # fmt: skip
 
@@ -91,7 +91,7 @@ def places(engine: str) -> Check:
     way = np.abs(np.hstack([b.base - b.base[0], b.obj - b.obj[0]])).max()
     moves = np.abs(b.tips[..., 1]).max()
     return judge(
-        "Closed chain of the whole robot: base, grippers, object", _against(engine), place_error(a, b), 2.0e-5, "m",
+        "Closed chain of the whole robot: base, grippers, object", _against(engine), place_error(a, b), 1.0e-5, "m",
         f"Random torques up to {TORQUE:g} N m: base and object move {way:.2g} m, panels bend {moves:.2g} m. What is "
         "left are the panels: the peer's own refinement, and what a linear beam leaves out.",
     )  # fmt: skip
@@ -106,7 +106,7 @@ def forces(engine: str) -> Check:
     note += "off, and neither peer resolves it."
     shown: tuple[Picture, ...] = ()
     if engine == "MuJoCo":
-        curves = {"MuJoCo": b.lam, "Exudyn": peer("Exudyn").lam, "8 elements": a.lam}
+        curves = {"MuJoCo": b.lam, "Exudyn": peer("Exudyn").lam, "sffr-gym": a.lam}
         caption = (
             "Force of the object on the first gripper under random joint torques, and the differences from MuJoCo's."
         )

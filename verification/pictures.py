@@ -64,11 +64,28 @@ def tips(curves: Mapping[str, Motion], reference: str) -> Figure:
 
 
 @styled
+def base(curves: Mapping[str, Motion], reference: str) -> Figure:
+    """Place and yaw of the base, and differences from the reference below."""
+    figure, axes = _grid(2, 3, height=4.6)
+    for i, (name, unit) in enumerate((("x", "mm"), ("y", "mm"), ("yaw", "mrad"))):
+        upper, lower = axes[0][i], axes[1][i]
+        upper.set_title(f"{name} of the base [{unit}]")
+        lower.set_title(f"difference from {reference} [{unit}]")
+        for (label, motion), style in zip(curves.items(), _styles(), strict=False):
+            way = motion.base[:, i] - motion.base[0, i]
+            upper.plot(motion.t, 1e3 * way, label=label, **style)
+            if label != reference:
+                lower.plot(motion.t, 1e3 * (motion.base - curves[reference].base)[:, i], **style)
+        lower.set_xlabel("time [s]")
+    return _legend(figure, axes[0][0])
+
+
+@styled
 def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> Figure:
     """Relative tip difference over the force of the pulse."""
-    figure, axes = _grid(1, 1, width=5.2, height=3.2)
+    figure, axes = _grid(1, 1, height=3.4)
     ax = axes[0][0]
-    for (label, values), colour in zip(series.items(), COLOURS[1:], strict=False):
+    for (label, values), colour in zip(series.items(), [COLOURS[i] for i in (2, 5, 3, 4)], strict=True):
         ax.plot(newtons, 100 * np.asarray(values), "o-", color=colour, markersize=4, linewidth=1.4)
         ax.annotate(label, (newtons[0], 100 * values[0]), (-6, 0), textcoords="offset points", ha="right", va="center",
                     color=colour)  # fmt: skip
@@ -76,6 +93,7 @@ def levels(newtons: Sequence[float], series: Mapping[str, Sequence[float]]) -> F
     ax.set_title("tip difference from Exudyn, rms [%]")
     ax.set_xlim(newtons[0] / 2.6, newtons[-1] * 1.2)
     ax.set_xticks(list(newtons), [f"{force:g}" for force in newtons])
+    ax.set_yticks([0.1, 1.0, 10.0], ["0.1", "1", "10"])
     ax.minorticks_off()
     return figure
 
@@ -95,6 +113,26 @@ def convergence(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -
         ax.minorticks_off()
         ax.set_ylim(10.0 ** np.floor(np.log10(min(found))), 10.0 ** np.ceil(np.log10(max(found))))
         ax.set_title(f"difference from {engine} [m]")
+    return figure
+
+
+@styled
+def steps(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """Distance of the tips from the exact coupling over the step of each method."""
+    figure, axes = _grid(1, 1, width=5.6, height=3.4)
+    ax = axes[0][0]
+    for (label, (values, found)), colour in zip(errors.items(), COLOURS[1:], strict=False):
+        milliseconds = 1e3 * np.asarray(values)
+        slope = np.polyfit(np.log(values), np.log(found), 1)[0]
+        ax.plot(milliseconds, found, "o-", color=colour, markersize=5, linewidth=1.6)
+        middle = len(values) // 2
+        ax.annotate(f"{label}\nslope {slope:.1f}", (milliseconds[middle], found[middle]), (6, -6), color=colour,
+                    textcoords="offset points", va="top")  # fmt: skip
+    ax.set(xscale="log", yscale="log", xlabel="step [ms]")
+    ax.set_xlim(None, 8.0)
+    ax.set_ylim(1.0e-2 * min(min(found) for _, found in errors.values()), None)
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.set_title("largest distance of a tip [m]")
     return figure
 
 

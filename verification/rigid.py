@@ -81,7 +81,7 @@ def solution(states: int) -> Check:
         tau = np.concatenate([[c * base[0] - s * base[1], s * base[0] + c * base[1], base[2]], joints])
         worst = max(worst, relative(qdd, pin.aba(tree, data, q, qd, tau)))
     return judge(
-        "Eq. 40, compiled accelerations without panels", f"Pinocchio (ABA), {states} random states", worst, 1.0e-10, "",
+        "Eq. 40, compiled accelerations without panels", f"Pinocchio (ABA), {states} random states", worst, 1.0e-12, "",
         "Random thrust and joint torques; rounding, times the condition of H.",
     )  # fmt: skip
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
+from inspect import getdoc
 from time import perf_counter
 
 from sffr_gym.simulator import Simulator
@@ -15,49 +17,86 @@ SECTIONS = (
     ("The suppression law", "control_law"),
     ("Rigid part", "rigid"),
     ("Coupled solution", "coupling"),
+    ("Staggered coupling (Fig. 1)", "staggered"),
     ("Conservation and order", "conservation"),
     ("Closed chain with the object", "grasp"),
     ("Fig. 5: a known force on the base", "fig5"),
 )
+NAMES = tuple(name for _, name in SECTIONS)
+
+Progress = Callable[[str, int, int], object]  # what begins, checks done, checks in all
 
 
-def run_checks(quick: bool = False) -> Iterator[Check]:
+def run_checks(
+    quick: bool = False, sections: Sequence[str] | None = None, progress: Progress = lambda what, done, total: None
+) -> Iterator[Check]:
     """Run the checks and yield each as it finishes.
 
     A check that raises, or whose library is missing, is yielded as failed with the reason in its note.
 
     Args:
         quick: fewer random states, shorter runs, and without what only explains.
+        sections: names of the sections to run, of ``NAMES``; None for all.
+        progress: called as each check begins with what it does, how many are done, and how many there are.
     """
-    compile_kernels()
-    for section, name in SECTIONS:
+    chosen = [(title, name) for title, name in SECTIONS if sections is None or name in sections]
+    listed = [(title, function) for title, name in chosen for function in _listed(name, quick)]
+    progress("compiling, or loading what is compiled", 0, len(listed))
+    start = perf_counter()
+    compiled = _run(compile_kernels)
+    if not compiled.passed:
+        yield compiled._replace(seconds=perf_counter() - start, section="The simulator")
+    for done, (title, function) in enumerate(listed):
+        progress(_aim(function), done, len(listed))
+        start = perf_counter()
+        check = _run(function)
+        yield check._replace(seconds=perf_counter() - start, section=title)
+
+
+def missing_libraries(sections: Sequence[str]) -> dict[str, str]:
+    """The sections that lack a library, and the name of that library."""
+    missing = {}
+    for name in sections:
         try:
-            listed = import_module(f"verification.{name}").checks(quick)
-        except ImportError as error:  # not installed, or installed without what it needs itself
-            note = f'{error}; pip install "sffr-gym[verify]"'
-            yield _broken(section, note)._replace(section=section)
-            continue
-        for function in listed:
-            start = perf_counter()
-            check = _run(function)
-            yield check._replace(seconds=perf_counter() - start, section=section)
+            import_module(f"verification.{name}")
+        except ModuleNotFoundError as error:
+            missing[name] = str(error.name)
+    return missing
 
 
-def compile_kernels() -> None:
+def compile_kernels() -> Check:
     """Compile the simulator's kernels, or load them, so that no check is charged for it."""
     sim = Simulator()
     state = sim.step(sim.initial_state())
     sim.acceleration(state)
     sim.q_flex(state)
+    return Check("The simulator runs", "", 0.0, 0.0, "", True, 0.0, "")
+
+
+def _listed(name: str, quick: bool) -> list[Callable[[], Check]]:
+    """The checks of a section; a single failed one if its module cannot be loaded."""
+    try:
+        return list(import_module(f"verification.{name}").checks(quick))
+    except ImportError as error:  # not installed, or installed without what it needs itself
+        return [partial(_broken, name, f'{error}; pip install "sffr-gym[verify]"')]
+
+
+def _aim(function: Callable[[], Check]) -> str:
+    """First line of the docstring of a check, for people who wait for it."""
+    return (getdoc(_plain(function)) or "").partition("\n")[0].rstrip(".")
 
 
 def _run(function: Callable[[], Check]) -> Check:
     try:
         return function()
     except Exception as error:  # an engine that gives up, an array of the wrong shape: red, and the next check goes on
-        name = getattr(function, "func", function).__name__.replace("_", " ")
-        return _broken(name, f"{type(error).__name__}: {error}")
+        return _broken(_plain(function).__name__.replace("_", " "), f"{type(error).__name__}: {error}")
+
+
+def _plain(function: Callable[[], Check]) -> Callable[..., Check]:
+    return getattr(function, "func", function)
 
 
 def _broken(name: str, note: str) -> Check:
+    """A section whose library is missing, or a check that broke down."""
     return Check(name, "", math.nan, math.nan, "", False, 0.0, note)

@@ -21,10 +21,12 @@ from agents.benchmark.page import PAGE, ranked, show, signed
 from agents.benchmark.run import BASELINES, SUITE_EPISODES, run_benchmark
 from agents.benchmark.standings import Standings, standings
 from agents.benchmark.tuning import EPISODES, EVALUATIONS, SCENARIO, tune_hsc, write_damping
+from agents.display import COMPILING
 from agents.evaluate import EVALUATION_SEED, number
 from agents.score import WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError
+from sffr_gym._jit import is_compiled
 from sffr_gym.env import resolve_params
 from sffr_gym.scenario import scenario_names
 
@@ -184,7 +186,9 @@ class Bar:
         self._task = self._bar.add_task("", start=False)
 
     def __enter__(self) -> Bar:
-        """Start the clock."""
+        """Start the clock; say so if the simulator has to be compiled first."""
+        if not is_compiled():
+            self._bar.console.print(COMPILING)
         self._bar.start()
         return self
 

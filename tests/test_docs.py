@@ -1,0 +1,137 @@
+"""The documents tell of what is there: every file, function, test, key and section that they name exists."""
+
+import ast
+import fnmatch
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
+CONFIG = ROOT / "configs" / "sffr.yaml"
+OF_THE_PAPER = re.compile(r"\b(Table|Eq\.|sec\.)")
+NAMES = {"name", "arm"}  # keys that say what a thing is called
+
+
+@cache
+def names_in(file):
+    """Everything that a module defines: functions, classes with their members, constants; dotted, module name first."""
+    found = set()
+
+    def visit(body, prefix):
+        for node in body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                found.add(prefix + node.name)
+            if isinstance(node, ast.ClassDef):
+                visit(node.body, f"{prefix}{node.name}.")
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            for target in targets:
+                for name in target.elts if isinstance(target, ast.Tuple) else [target]:
+                    if isinstance(name, ast.Name):
+                        found.add(prefix + name.id)
+
+    visit(ast.parse(file.read_text(encoding="utf-8")).body, "")
+    return found | {f"{file.stem}.{name}" for name in found}
+
+
+def links(document):
+    """(text, target) of every link and picture; code blocks are no text."""
+    text = re.sub(r"```.*?```", "", document.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return [(words.strip("`"), target) for words, target in LINK.findall(text) if "://" not in target]
+
+
+def faults(document):
+    """Links that lead nowhere, as text."""
+    found = []
+    for words, target in links(document):
+        file = (document.parent / target.partition("#")[0]).resolve()
+        is_code = file.suffix == ".py" and words not in (file.name, file.relative_to(ROOT).as_posix())
+        if not file.exists():
+            found.append(f"{target}: no such file")
+        elif is_code and words not in names_in(file):
+            found.append(f"{target} has no {words}")
+    return found
+
+
+def sections(document):
+    """Numbers of a document's numbered headings."""
+    return {int(number) for number in re.findall(r"^## (\d+)\. ", document.read_text(encoding="utf-8"), re.MULTILINE)}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.name)
+def test_everything_linked_exists(document):
+    assert faults(document) == []
+
+
+@pytest.mark.parametrize("name", ["physics.md", "errata.md"])
+def test_documents_are_linked_with_the_code_and_from_the_readme(name):
+    assert f"docs/{name}" in {target for _, target in links(ROOT / "README.md")}
+    assert sum(target.endswith(".py") for _, target in links(ROOT / "docs" / name)) > 40
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("[`panel.condense`](sffr_gym/panel.py)", None),
+        ("[`Simulator.step`](sffr_gym/simulator.py)", None),
+        ("[`SIGNALS`](sffr_gym/task.py)", None),
+        ("[`task.ATTITUDE`](sffr_gym/task.py)", None),  # one of several on the left of an assignment
+        ("[`panel.condensed`](sffr_gym/panel.py)", "sffr_gym/panel.py has no panel.condensed"),
+        ("[`beam.condense`](sffr_gym/panel.py)", "sffr_gym/panel.py has no beam.condense"),
+        ("[`Simulator.fly`](sffr_gym/simulator.py)", "sffr_gym/simulator.py has no Simulator.fly"),
+        ("[paper](docs/nowhere.md)", "docs/nowhere.md: no such file"),
+    ],
+)
+def test_a_wrong_link_is_found(text, fault, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(text, encoding="utf-8")
+    for folder in "sffr_gym", "docs":
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    assert faults(page) == ([fault] if fault else [])
+
+
+@pytest.mark.parametrize(("name", "other"), [("physics.md", "errata.md"), ("errata.md", "physics.md")])
+def test_cited_sections_exist(name, other):
+    """Sections of a page itself, and of the other one behind a link to it; those of the paper are called sec."""
+    text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    of_other = re.compile(rf"\({other}\),\s+sections? ([\d, and]+)")
+    for page, words in ((other, of_other.findall(text)), (name, re.findall(r"section (\d+)", of_other.sub("", text)))):
+        numbers = {int(number) for cited in words for number in re.findall(r"\d+", cited)}
+        assert numbers and numbers <= sections(ROOT / "docs" / page)
+
+
+def keys_with_comments(node, comments, path=(), said=()):
+    """(dotted key, comments on its line and on those of the keys above it) of every value of the file."""
+    children = []
+    if isinstance(node, yaml.MappingNode):
+        children = [(key.value, key.start_mark.line, value) for key, value in node.value]
+    elif isinstance(node, yaml.SequenceNode) and any(not isinstance(x, yaml.ScalarNode) for x in node.value):
+        children = [(str(k), value.start_mark.line, value) for k, value in enumerate(node.value)]
+    if not children:
+        yield ".".join(path), said
+    for key, line, value in children:
+        yield from keys_with_comments(value, comments, (*path, key), (*said, comments.get(line, "")))
+
+
+def test_errata_have_every_choice_that_is_not_the_papers():
+    """A key needs a row in the errata unless a comment gives its place in the paper and calls nothing an assumption."""
+    text = CONFIG.read_text(encoding="utf-8")
+    comments = {k: line.partition("#")[2] for k, line in enumerate(text.splitlines())}
+    keys = dict(keys_with_comments(yaml.compose(text), comments))
+    rows = re.findall(r"^\| (`[^|]*`) \|", (ROOT / "docs" / "errata.md").read_text(encoding="utf-8"), re.MULTILINE)
+    patterns = [pattern for row in rows for pattern in re.findall(r"`([^`]+)`", row)]
+    matched = {p: [key for key in keys if fnmatch.fnmatch(key, p) or fnmatch.fnmatch(key, p + ".*")] for p in patterns}
+    assert [pattern for pattern, found in matched.items() if not found] == []
+    told = {key for found in matched.values() for key in found}
+    ours = {
+        key
+        for key, said in keys.items()
+        if key.rpartition(".")[2] not in NAMES
+        and not (any(map(OF_THE_PAPER.search, said)) and "assumption" not in " ".join(said))
+    }
+    assert len(ours) > 20
+    assert sorted(ours - told) == []

@@ -1,0 +1,75 @@
+"""Robots as rows: a kernel sees in a row the robot that was put there, and a batch may hold different plants."""
+
+import numba
+import numpy as np
+import pytest
+
+from sffr_gym.batch import make_batch, start_episode, step_range
+from sffr_gym.episode import draw
+from sffr_gym.fleet import make_fleet, put_robot, robot_at
+from sffr_gym.params import load_params
+from sffr_gym.scenario import load_scenario
+from sffr_gym.task import make_robot
+
+ROBOTS = {
+    "case study": [],
+    "free": ["object=null"],
+    "four elements, patches": ["panel.elements=4", "actuators.piezo.array=patches"],
+    "no panels": ["panel.mounts=[]"],
+    "no mode of its own": ["panel.axial_cut=1e-6", "panel.bending_cut=1e-6"],
+    "staggered": ["simulation.coupling=staggered", "simulation.max_step=2.0e-4"],
+    "classical integrator": ["simulation.integrator=rk4"],
+}
+ANOTHER = ["panel.EI=25", "object.mass=9", "arms.0.links.1.mass=3.5", "actuators.joint_torque=3.5"]
+
+
+def leaves(value):
+    return [leaf for field in value for leaf in leaves(field)] if isinstance(value, tuple) else [value]
+
+
+def robot_of(*overrides):
+    return make_robot(load_params().with_overrides(*overrides))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_row_gives_the_robot_back(name):
+    robot = robot_of(*ROBOTS[name])
+    fleet = make_fleet(robot, 3)
+    seen = robot_at(fleet, 2, np.zeros(2, dtype=np.int64))
+    assert numba.typeof(seen) == numba.typeof(robot)
+    for theirs, ours in zip(leaves(seen), leaves(robot), strict=True):
+        np.testing.assert_array_equal(theirs, ours)
+
+
+def test_a_single_row_serves_every_environment():
+    fleet = make_fleet(robot_of())
+    assert robot_at(fleet, 7, np.zeros(2, dtype=np.int64)).model.base_mass == 50.0
+
+
+def run(robots, ticks=40):
+    """Everything about the robots after some periods of a batch of different robots from the same start."""
+    params, scenario = load_params(), load_scenario("excited")
+    fleet, batch = make_fleet(robots[0], len(robots)), make_batch(robots[0], len(robots))
+    for i, robot in enumerate(robots):
+        put_robot(fleet, i, robot)
+        start_episode(fleet, batch, i, draw(scenario, params, robot_of().model, np.random.default_rng(3)))
+    actions = np.tile(np.random.default_rng(4).uniform(-0.1, 0.1, 15), (len(robots), 1))
+    for _ in range(ticks):
+        step_range(fleet, batch, actions, np.ones(len(robots), dtype=np.bool_), 0, len(robots))
+    return np.hstack([batch.p, batch.v, batch.obs, batch.signals])
+
+
+def test_a_batch_of_different_plants_is_each_of_them_alone():
+    plants = [robot_of(), robot_of(*ANOTHER), robot_of("object.inertia=2")]
+    together, alone = run(plants), [run([plant])[0] for plant in plants]
+    np.testing.assert_array_equal(together, alone)
+    assert len({row.tobytes() for row in together}) == len(plants)
+
+
+@pytest.mark.parametrize("overrides", [["object=null"], ["panel.elements=4"], ["simulation.integrator=rk4"]])
+def test_a_robot_of_another_structure_is_refused(overrides):
+    fleet = make_fleet(robot_of(), 2)
+    before = fleet.numbers.copy()
+    with pytest.raises(ValueError, match="as many links, kept modes"):
+        put_robot(fleet, 1, robot_of(*overrides))
+    np.testing.assert_array_equal(fleet.numbers, before)
