@@ -24,6 +24,7 @@ class Row:
         samples: the figure in every round.
         versus: key of the row of the same section that this one is to be compared with; empty for none.
         note: what a reader has to know besides.
+        extra: further figures for the JSON.
     """
 
     key: str
@@ -32,6 +33,7 @@ class Row:
     samples: tuple[float, ...]
     versus: str = ""
     note: str = ""
+    extra: dict[str, float] = field(default_factory=dict)
 
     @property
     def median(self) -> float:
