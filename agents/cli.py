@@ -211,5 +211,66 @@ def _draw(out: Path, evaluation: Evaluation, notes: Console) -> list[Path]:
         return []
 
 
+@app.command("bench")
+def bench_command(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Tiny runs that show that everything works, not how fast.")
+    ] = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--only",
+            metavar="A,B",
+            show_default="all",
+            help="Some of physics, loop, gym, vector, growth, memory, starts, precision, profile.",
+        ),
+    ] = None,
+    repeats: Annotated[
+        int | None,
+        typer.Option(
+            "--repeats", metavar="N", min=1, help="Rounds of each comparison.", show_default="7, or 2 if quick"
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder of bench.json and the picture.")
+    ] = Path("runs/bench"),
+    doc: Annotated[
+        Path | None, typer.Option("--doc", metavar="FILE", help="Markdown file to write the tables into.")
+    ] = None,
+) -> None:
+    """Measure the speed of the simulator and its environments, side by side with MuJoCo, SciPy and Gymnasium.
+
+    Prints tables and whether the targets are met; writes bench.json and work_precision.png. All of it takes about half
+    an hour and wants the machine to itself. Needs the extra bench.
+    """
+    with user_errors():
+        try:
+            from agents.bench import report, suite
+            from agents.bench.precision import save_picture
+            from agents.bench.targets import judge
+        except ModuleNotFoundError as error:
+            raise ConfigError(f"{error}; pip install 'sffr-gym[bench]'") from None
+        names = suite.choose(only)
+        if doc is not None:
+            report.check_doc(doc)
+        repeats = repeats or (suite.QUICK_REPEATS if quick else suite.REPEATS)
+        console, command, sections = Console(highlight=False), ["sffr", *sys.argv[1:]], []
+        for section in suite.measure_all(names, repeats, quick):
+            sections.append(section)
+            console.print(report.section_table(section))
+            for line in section.remarks:
+                console.print(line, style="dim", markup=False)
+            console.print()
+        targets = [] if quick else judge(sections)
+        if targets:
+            console.print(report.target_table(targets))
+        written = [report.write_result(out, sections, targets, repeats, quick, command)]
+        written += [save_picture(section, out) for section in sections if section.name == "precision"]
+        if doc is not None:
+            report.write_doc(doc, sections, targets, command)
+            written.append(doc)
+    console.print(f"\n{', '.join(map(str, written))}", markup=False, soft_wrap=True)
+
+
 if __name__ == "__main__":
     app()

@@ -1,4 +1,4 @@
-"""``SFFRFlex-v0`` against Gymnasium's ``HalfCheetah-v5``: one environment by ``gym.make``, many as vector environments."""
+"""``SFFRFlex-v0`` against Gymnasium's ``HalfCheetah-v5``: one by ``gym.make``, many as vector environments."""
 
 from __future__ import annotations
 

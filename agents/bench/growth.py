@@ -70,5 +70,3 @@ def _law(sizes: Sequence[int], times: Sequence[float]) -> str:
     slope, start = np.polyfit(sizes, times, 1)
     off = max(abs(start + slope * size - time) / time for size, time in zip(sizes, times, strict=True))
     return f"{start:.2f} us + {slope:.3f} us each, within {100 * off:.0f} %"
-
-

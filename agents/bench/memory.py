@@ -28,7 +28,7 @@ def memory(repeats: int, quick: bool) -> Section:
         ("single", "single environment", _single(), periods // SINGLE_PART),
     ):
         readings = _readings(step, stretch)
-        note = "first and last reading {:.1f} and {:.1f}, highest {:.1f}".format(readings[0], readings[-1], max(readings))
+        note = f"first reading {readings[0]:.1f}, last {readings[-1]:.1f}"
         rows.append(Row(key, f"{what}, {stretch:,} control periods", "MiB", tuple(readings), note=note))
     return Section("memory", f"Resident memory, {READINGS} readings after each {100 // READINGS} % of a run", rows)
 

@@ -17,7 +17,6 @@ from verification import mujoco_robot
 
 SEGMENTS = 2  # hinges per panel: as many bending coordinates as one Hermite element has
 SOFTNESS = 1.0e-6  # of the grasps; see verification.mujoco_robot
-TIMED = 5000  # control periods of a drive that are timed
 TOLERANCE = 1.0e-8  # of the solver, MuJoCo's default
 INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -56,29 +55,30 @@ class MujocoPlant:
     def drive(self) -> tuple[Drive, Array]:
         """Drive the whole course under AHSC; also the generalised forces (ticks, nv) of every period.
 
-        Its time is that of :meth:`replay`.
+        The state is afterwards that of the start, for :meth:`replay`.
 
         Raises:
             RuntimeError: if the simulation blows up.
         """
         course, forces = self._course, np.zeros((self._course.ticks, self.model.nv))
-        controller, rigid, tips = Controller(course), [], []
+        controller, rigid, tips, total = Controller(course), [], [], 0.0
         start = self._state()
         for tick in range(course.ticks):
             controller(tick, *self._observed())
             forces[tick] = self.data.qfrc_applied[:] = self._forces(controller.applied)
+            begun = perf_counter()
             mujoco.mj_step(self.model, self.data, self._steps)
+            total += perf_counter() - begun
             if (tick + 1) % course.every == 0:
                 rigid.append(np.concatenate([self.data.qpos[self._rigid], self.data.qpos[self._body]]))
                 tips.append(self.data.qpos[self._hinges].reshape(-1, SEGMENTS) @ self._tip[1])
         if abs(self.data.time - course.ticks * course.robot.period) > 1e-6:  # it starts anew when it diverges
             raise RuntimeError(f"MuJoCo's simulation diverges at a step of {self.model.opt.timestep} s")
         mujoco.mj_setState(self.model, self.data, start, _PHYSICS)
-        timed = forces[:TIMED]
-        return Drive(self.replay(timed) * course.ticks / len(timed), np.array(rigid), np.array(tips)), forces
+        return Drive(total, np.array(rigid), np.array(tips)), forces
 
     def replay(self, forces: Array) -> float:
-        """Time [s] that recorded forces (periods, nv) take from the present state, all steps in one call of the library.
+        """Time [s] that recorded forces (periods, nv) take from the present state on, all steps in one call.
 
         The state is afterwards what it was.
         """

@@ -52,9 +52,9 @@ def physics(repeats: int, quick: bool) -> Section:
         for key, what in names.items()
     ]
     return Section("physics", "Physics alone: the robot with the pinned object, 2 ms, one core", rows, [
-        "Forces are those of AHSC on the first part of the circle, held for 2 ms each. MuJoCo runs all steps in one call "
-        "of its rollout, panels of 2 rigid segments, object held by connect constraints; SciPy starts anew at each jump "
-        "of the forces.",
+        "Forces are those of AHSC on the first part of the circle, held for 2 ms each. MuJoCo runs all steps in one "
+        "call of its rollout, panels of 2 rigid segments, object held by connect constraints. SciPy starts anew at "
+        "each jump of the forces.",
     ])  # fmt: skip
 
 
@@ -75,7 +75,9 @@ def closed_loop(repeats: int, quick: bool) -> Section:
 
     with one_core():
         samples = rounds({"ahsc": once}, repeats)["ahsc"]
-    row = Row("ahsc", "AHSC and plant, 2 ms", UNIT, samples, note=f"{1e6 * STEP / float(np.median(samples)):.2f} us/period")
+    row = Row(
+        "ahsc", "AHSC and plant, 2 ms", UNIT, samples, note=f"{1e6 * STEP / float(np.median(samples)):.2f} us/period"
+    )
     length = course_time(course)
     return Section("loop", f"Closed loop with AHSC, {length:.1f} s of the circle in one call, one core", [row])
 
@@ -92,6 +94,6 @@ def _mujoco(plant: MujocoPlant, forces: Array) -> Callable[[], float]:
 def _scipy(plant: ScipyPlant, forces: Array, course: Course) -> Callable[[], float]:
     def once() -> float:
         plant.y = np.concatenate([course.p, course.v])
-        return len(forces) * STEP / seconds(lambda: [plant.advance(tau) for tau in forces])
+        return len(forces) * STEP / seconds(lambda: plant.replay(forces))
 
     return once

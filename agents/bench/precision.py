@@ -1,10 +1,10 @@
-"""Work and precision: what an error at the end of the circle costs in time, for our integrators, SciPy's and MuJoCo's."""
+"""Work and precision: the error at the end of the circle over time, for our integrators, SciPy's and MuJoCo's."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from agents.bench.circle import Course, Drive, close_loop, drive, make_course, relative_errors
 from agents.bench.measure import Row, Section, one_core
@@ -15,23 +15,25 @@ from sffr_gym.integrator import ETDRK4, RK4
 PICTURE = "work_precision.png"
 QUICK_SECONDS = 0.2  # of the circle
 FINE, MUJOCO_FINE = 32, 16  # steps per control period of what counts as exact
-OUR_STEPS = {ETDRK4: (1, 2, 4), RK4: (3, 4, 8)}  # below 3 the classical method is unstable
+OUR_STEPS: dict[int, tuple[int, ...]] = {ETDRK4: (1, 2, 4), RK4: (3, 4, 8)}  # below 3 the classical method is unstable
 OUR_NAMES = {ETDRK4: "sffr-gym ETDRK4", RK4: "sffr-gym RK4"}
-MUJOCO_STEPS = {"RK4": (1, 2, 4), "implicitfast": (1, 2, 4, 8, 16)}
-SCIPY_RTOL = {"DOP853": (1.0e-3, 1.0e-6, 1.0e-9), "Radau": (1.0e-3, 1.0e-6)}
+MUJOCO_STEPS: dict[str, tuple[int, ...]] = {"RK4": (1, 2, 4), "implicitfast": (1, 2, 4, 8, 16)}
+SCIPY_RTOL: dict[str, tuple[float, ...]] = {"DOP853": (1.0e-3, 1.0e-6, 1.0e-9), "Radau": (1.0e-3, 1.0e-6)}
+TIMED = 5000  # control periods of a drive of MuJoCo's that are timed
 STYLES = {
     "sffr-gym ETDRK4": ("#0b6e99", "o"), "sffr-gym RK4": ("#5aa9c9", "s"), "MuJoCo RK4": ("#b3541e", "^"),
     "MuJoCo implicitfast": ("#e0a16d", "v"), "SciPy DOP853": ("#5b6770", "D"), "SciPy Radau": ("#9aa5ad", "P"),
 }  # fmt: skip
 
 
-class Point(NamedTuple):
-    """One setting of a method: label, the method's exact result, and how to run it."""
+class Result(NamedTuple):
+    """What a method with one setting did: its drive, and how long it took every time that it was timed [s]."""
 
     method: str
     setting: str
     exact: Drive
-    run: Callable[[], Drive]
+    drive: Drive
+    seconds: tuple[float, ...]
 
 
 def precision(repeats: int, quick: bool) -> Section:
@@ -39,21 +41,21 @@ def precision(repeats: int, quick: bool) -> Section:
     course = make_course(QUICK_SECONDS if quick else None)
     rows = []
     with one_core():
-        for point in _points(course, quick):
-            result = point.run()
-            errors = relative_errors(result, point.exact)
+        for result in _results(course, repeats, quick):
+            errors = relative_errors(result.drive, result.exact)
             end, largest = float(errors[-1]), float(errors.max())
             rows.append(
                 Row(
-                    f"{point.method} {point.setting}", f"{point.method}, {point.setting}", "s", (result.seconds,),
+                    f"{result.method} {result.setting}", f"{result.method}, {result.setting}", "s", result.seconds,
                     note=f"relative error {end:.1e} at the end, {largest:.1e} at most",
                     extra={"error_end": end, "error_max": largest},
                 )
             )  # fmt: skip
     length = course.ticks * course.robot.period
-    return Section("precision", f"Work and precision: physics of {length:.1f} s of the circle under AHSC, one core", rows, [
-        "Errors are of base, joints, object and panel tips, against the same equations in far smaller steps: ours and "
-        f"SciPy's against ETDRK4 in {FINE} steps per period of 2 ms, MuJoCo's against its own RK4 in {MUJOCO_FINE}.",
+    return Section("precision", f"Work and precision: {length:.1f} s of the circle under AHSC, one core", rows, [
+        "Time is that of the physics. Errors are of base, joints, object and panel tips, against the same equations in "
+        f"far smaller steps: ours and SciPy's against ETDRK4 in {FINE} steps per period of 2 ms, MuJoCo's against its "
+        f"own RK4 in {MUJOCO_FINE}.",
     ])  # fmt: skip
 
 
@@ -68,7 +70,7 @@ def save_picture(section: Section, folder: Path) -> Path:
         times, errors = [row.median for row in rows], [row.extra["error_end"] for row in rows]
         axes.loglog(times, errors, color=colour, marker=marker, markersize=7, linewidth=1.4, label=method)
     axes.set(xlabel="time of the physics [s]", ylabel="relative error at the end")
-    axes.set_title(section.title.split(": ")[1], loc="left", fontsize=10)
+    axes.set_title(section.title.partition(": ")[2], loc="left", fontsize=10)
     axes.grid(color="#e3e6e8", linewidth=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
@@ -77,27 +79,31 @@ def save_picture(section: Section, folder: Path) -> Path:
     return file
 
 
-def _points(course: Course, quick: bool) -> Iterator[Point]:
-    def ours(integrator: int, steps: int) -> Drive:
-        return drive(course, close_loop(course, integrator, steps), integrator, steps)
-
-    exact = ours(ETDRK4, FINE)
+def _results(course: Course, repeats: int, quick: bool) -> Iterator[Result]:
+    exact = drive(course, close_loop(course, ETDRK4, FINE), ETDRK4, FINE)
     for integrator, numbers in OUR_STEPS.items():
         for k in numbers:
-            yield _point(course, OUR_NAMES[integrator], k, exact, lambda i=integrator, k=k: ours(i, k))
-    mujoco_exact = _mujoco(course, "RK4", MUJOCO_FINE)
-    for name, numbers in MUJOCO_STEPS.items():
-        for k in numbers:
-            yield _point(course, f"MuJoCo {name}", k, mujoco_exact, lambda n=name, k=k: _mujoco(course, n, k))
+            forces = close_loop(course, integrator, k)
+            drives = [drive(course, forces, integrator, k) for _ in range(repeats)]
+            timed = tuple(each.seconds for each in drives)
+            yield Result(OUR_NAMES[integrator], _step(course, k), exact, drives[0], timed)
+    mujoco_exact, _ = _mujoco(course, "RK4", MUJOCO_FINE, 1)
+    for name, steps in MUJOCO_STEPS.items():
+        for k in steps:
+            yield Result(f"MuJoCo {name}", _step(course, k), mujoco_exact, *_mujoco(course, name, k, repeats))
     for method, tolerances in SCIPY_RTOL.items():
         for rtol in tolerances[:1] if quick else tolerances:
-            run: Any = lambda m=method, r=rtol: ScipyPlant(course, m, r).drive()  # noqa: E731  (one of several)
-            yield Point(f"SciPy {method}", f"rtol {rtol:g}", exact, run)
+            driven = ScipyPlant(course, method, rtol).drive()
+            yield Result(f"SciPy {method}", f"rtol {rtol:g}", exact, driven, (driven.seconds,))
 
 
-def _point(course: Course, method: str, steps: int, exact: Drive, run: Callable[[], Drive]) -> Point:
-    return Point(method, f"{1e3 * course.robot.period / steps:.3g} ms", exact, run)
+def _mujoco(course: Course, integrator: str, steps: int, repeats: int) -> tuple[Drive, tuple[float, ...]]:
+    """A drive of MuJoCo's, and the time of the whole of it after that of its first part."""
+    plant = MujocoPlant(course, integrator, course.robot.period / steps)
+    driven, forces = plant.drive()
+    part = forces[:TIMED]
+    return driven, tuple(plant.replay(part) * len(forces) / len(part) for _ in range(repeats))
 
 
-def _mujoco(course: Course, integrator: str, steps: int) -> Drive:
-    return MujocoPlant(course, integrator, course.robot.period / steps).drive()[0]
+def _step(course: Course, steps: int) -> str:
+    return f"{1e3 * course.robot.period / steps:.3g} ms"

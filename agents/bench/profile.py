@@ -1,4 +1,4 @@
-"""Where the time of a control period goes, and the arithmetic floor beside it: operations counted, over the machine's rate."""
+"""Where the time of a control period goes, and its arithmetic floor: operations counted, over the machine's rate."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def profile(repeats: int, quick: bool) -> Section:
     rate = ", ".join(f"{name} {time:.2f} ns" for name, time in rates.items())
     return Section("profile", "Where the time goes, one core", rows, [
         f"Machine: {rate} per operation, many at once (chain: each waits for the one before).",
-        "The floor takes every operation at the machine's best rate, many at once; `one after the other` takes additions "
-        "and multiplications at the rate of the chain. Operations are counted on the source as written.",
+        "The floor takes every operation at the machine's best rate, many at once; `one after the other` takes "
+        "additions and multiplications at the rate of the chain. Operations are counted on the source as written.",
     ])  # fmt: skip
 
 
@@ -143,12 +143,20 @@ def _interface(quick: bool) -> dict[str, Contender]:
     batch, actions, active = make_batch(robot, 1), still[None].astype(np.float64), np.ones(1, dtype=np.bool_)
     episode = draw(load_scenario("nominal"), bare.params, robot.model, np.random.default_rng(0))
     start_episode(robot, batch, 0, episode)
-    timed: dict[str, Callable[[], Any]] = {
-        "batch": lambda: [step_batch(robot, batch, actions, active) for _ in range(periods)],
-        "env": lambda: [bare.step(still) for _ in range(periods)],
-        "made": lambda: [made.step(still) for _ in range(periods)],
+    steps: dict[str, Callable[[], Any]] = {
+        "batch": lambda: step_batch(robot, batch, actions, active),
+        "env": lambda: bare.step(still),
+        "made": lambda: made.step(still),
     }
-    return {name: _per_period(part, periods) for name, part in timed.items()}
+    return {name: _per_period(_repeat(step, periods), periods) for name, step in steps.items()}
+
+
+def _repeat(step: Callable[[], Any], count: int) -> Callable[[], Any]:
+    def many() -> None:
+        for _ in range(count):
+            step()
+
+    return many
 
 
 def _per_period(action: Callable[[], Any], periods: int) -> Contender:

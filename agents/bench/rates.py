@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import cos, sqrt
 from typing import Any
 
@@ -58,7 +59,7 @@ def cosine(x, a, b, passes):
 
 
 def operation_times(passes: int = PASSES) -> dict[str, float]:
-    """Nanoseconds of an operation: ``multiply_add`` and ``chain`` (for each of the two), ``divide``, ``sqrt``, ``cos``."""
+    """Nanoseconds of each operation: ``multiply_add``, ``chain``, ``divide``, ``sqrt``, ``cos``."""
     loops: Mapping[str, tuple[Callable[..., Any], int]] = {
         "multiply_add": (multiply_add, 2), "chain": (multiply_add_chain, 2),
         "divide": (divide, 1), "sqrt": (square_root, 1), "cos": (cosine, 1),
@@ -67,6 +68,6 @@ def operation_times(passes: int = PASSES) -> dict[str, float]:
     for name, (loop, operations) in loops.items():
         x = np.linspace(1.0, 2.0, LENGTH)
         loop(x, 0.999, 0.001, 1)
-        elapsed = seconds(lambda loop=loop, x=x: loop(x, 0.999, 0.001, passes))
+        elapsed = seconds(partial(loop, x, 0.999, 0.001, passes))
         times[name] = 1e9 * elapsed / (passes * LENGTH * operations)
     return times

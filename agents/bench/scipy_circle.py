@@ -11,7 +11,9 @@ from agents.bench.circle import Controller, Course, Drive, shared_coordinates
 from sffr_gym.beam import Array
 from sffr_gym.dynamics import accelerations, workspace
 
-ABSOLUTE = 1.0e-3  # tolerance of an entry of the state, absolute for relative: entries are of order 1 m, 1 rad, or small
+ABSOLUTE = (
+    1.0e-3  # tolerance of an entry of the state, absolute for relative: entries are of order 1 m, 1 rad, or small
+)
 
 
 class ScipyPlant:
@@ -42,6 +44,11 @@ class ScipyPlant:
         )  # fmt: skip
         self.y = done.y[:, -1]
         self.evaluations += done.nfev
+
+    def replay(self, forces: Array) -> None:
+        """Advance under recorded generalised forces (periods, n)."""
+        for tau in forces:
+            self.advance(tau)
 
     def drive(self) -> Drive:
         """Drive the whole course under AHSC; only the integrator's part is timed."""

@@ -61,4 +61,6 @@ def _until_step(environment: dict[str, str]) -> float:
 
 
 def _run(code: str, environment: dict[str, str]) -> str:
-    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    ).stdout
