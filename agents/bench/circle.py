@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.bench.loops import replay
+from agents.bench.loops import forces_of, replay
 from baselines import make_policy
 from baselines.closed_loop import Record, run
 from baselines.policies import LawPolicy
@@ -103,18 +103,19 @@ def close_loop(course: Course, integrator: int = ETDRK4, steps: int = 1) -> Arra
     done, outcome = run(robot, course.reference, law.law, make_buffers(robot), 0, ticks, p, v, obs, B_hat, record)
     if outcome != RUNNING:
         raise RuntimeError(f"the drive ended in period {done} of {ticks}")
-    effect = np.zeros((len(robot.scale), n_positions(robot.model)))
-    for row, unit in zip(effect, np.eye(len(effect)), strict=True):
-        generalized_forces(robot.model, robot.actuators, unit, row)
-    return np.asarray(record.applied @ effect)
+    forces = np.zeros((ticks, n_positions(robot.model)))
+    forces_of(robot.model, robot.actuators, record.applied, forces)
+    return forces
 
 
 def drive(course: Course, forces: Array, integrator: int = ETDRK4, steps: int = 1) -> Drive:
     """Repeat a drive from its forces, physics alone; with the same integrator and steps it is the same to the bit."""
     model, p, v = course.robot.model, course.p.copy(), course.v.copy()
     kept, work = np.zeros((len(forces) // course.every, len(p))), step_workspace(model)
+    rest = course.robot.period, steps, integrator, work, p, v, course.every, kept
+    replay(model, forces[:0], *rest)  # compiled, or loaded, before the clock starts
     start = perf_counter()
-    replay(model, forces, course.robot.period, steps, integrator, work, p, v, course.every, kept)
+    replay(model, forces, *rest)
     elapsed = perf_counter() - start
     return Drive(elapsed, *shared_coordinates(course, kept))
 

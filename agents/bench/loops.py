@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sffr_gym._jit import assign, kernel
+from sffr_gym.actuators import generalized_forces
 from sffr_gym.dynamics import accelerations
 from sffr_gym.integrator import advance
 from sffr_gym.task import view
@@ -18,6 +19,13 @@ def replay(model, forces, period, steps, integrator, work, p, v, every, kept):
         advance(model, p, v, forces[tick], period, steps, integrator, work)
         if (tick + 1) % every == 0:
             assign(kept[(tick + 1) // every - 1], p)
+
+
+@kernel
+def forces_of(model, actuators, applied, forces):
+    """Write the generalised forces (n_ticks, n) of applied commands (n_ticks, n_u)."""
+    for tick in range(len(applied)):
+        generalized_forces(model, actuators, applied[tick], forces[tick])
 
 
 @kernel
