@@ -249,13 +249,18 @@ def bench_command(
             from agents.bench.precision import save_picture
             from agents.bench.targets import judge
         except ModuleNotFoundError as error:
+            if error.name not in {"mujoco", "psutil", "matplotlib"}:
+                raise
             raise ConfigError(f"{error}; pip install 'sffr-gym[bench]'") from None
         names = suite.choose(only)
         if doc is not None:
             report.check_doc(doc)
         repeats = repeats or (suite.QUICK_REPEATS if quick else suite.REPEATS)
-        console, command, sections = Console(highlight=False), ["sffr", *sys.argv[1:]], []
-        for section in suite.measure_all(names, repeats, quick):
+        console, notes = Console(highlight=False), Console(stderr=True, highlight=False)
+        command, sections = ["sffr", *sys.argv[1:]], []
+        for name in names:
+            notes.print(f"measuring {name} ...", style="dim")
+            section = suite.MEASUREMENTS[name](repeats, quick)
             sections.append(section)
             console.print(report.section_table(section))
             for line in section.remarks:

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from matplotlib.figure import Figure
+
 from agents.bench.circle import Course, Drive, close_loop, drive, make_course, relative_errors
 from agents.bench.measure import Row, Section, one_core
 from agents.bench.mujoco_circle import MujocoPlant
@@ -19,6 +21,7 @@ OUR_STEPS: dict[int, tuple[int, ...]] = {ETDRK4: (1, 2, 4), RK4: (3, 4, 8)}  # b
 OUR_NAMES = {ETDRK4: "sffr-gym ETDRK4", RK4: "sffr-gym RK4"}
 MUJOCO_STEPS: dict[str, tuple[int, ...]] = {"RK4": (1, 2, 4), "implicitfast": (1, 2, 4, 8, 16)}
 SCIPY_RTOL: dict[str, tuple[float, ...]] = {"DOP853": (1.0e-3, 1.0e-6, 1.0e-9), "Radau": (1.0e-3, 1.0e-6)}
+TARGET = 1.0e-6  # relative error
 TIMED = 5000  # control periods of a drive of MuJoCo's that are timed
 STYLES = {
     "sffr-gym ETDRK4": ("#0b6e99", "o"), "sffr-gym RK4": ("#5aa9c9", "s"), "MuJoCo RK4": ("#b3541e", "^"),
@@ -60,20 +63,22 @@ def precision(repeats: int, quick: bool) -> Section:
 
 
 def save_picture(section: Section, folder: Path) -> Path:
-    """Draw the diagram; raises ModuleNotFoundError without matplotlib."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.2, 4.8), layout="constrained")
+    """Draw the diagram."""
+    figure = Figure(figsize=(8.2, 4.6), layout="constrained")
     axes = figure.subplots()
     for method, (colour, marker) in STYLES.items():
         rows = [row for row in section.rows if row.what.startswith(f"{method},")]
         times, errors = [row.median for row in rows], [row.extra["error_end"] for row in rows]
         axes.loglog(times, errors, color=colour, marker=marker, markersize=7, linewidth=1.4, label=method)
+    axes.axhline(TARGET, color="#8a949b", linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    axes.annotate(
+        "target", (1.0, TARGET), (-2, 3), ("axes fraction", "data"), "offset points", color="#5b6770", ha="right"
+    )
     axes.set(xlabel="time of the physics [s]", ylabel="relative error at the end")
-    axes.set_title(section.title.partition(": ")[2], loc="left", fontsize=10)
+    axes.set_title(section.title, loc="left", fontsize=10)
     axes.grid(color="#e3e6e8", linewidth=0.7)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
+    figure.legend(frameon=False, loc="outside right upper")
     file = folder / PICTURE
     figure.savefig(file, dpi=150)
     return file

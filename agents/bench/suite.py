@@ -1,9 +1,9 @@
-"""All measurements by name, and a run of some of them."""
+"""All measurements by name."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 
 from agents.bench.environments import single, vector
 from agents.bench.growth import growth
@@ -45,9 +45,3 @@ def choose(only: str | None) -> list[str]:
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise ConfigError(f"unknown measurement {name!r}{hint} (known: {', '.join(MEASUREMENTS)})")
     return names
-
-
-def measure_all(names: Sequence[str], repeats: int, quick: bool) -> Iterator[Section]:
-    """Run measurements one after the other and yield each as it ends."""
-    for name in names:
-        yield MEASUREMENTS[name](repeats, quick)
