@@ -20,9 +20,9 @@ run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
 
-bench: $(VENV)/.bench ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
+bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
 	$(BIN)/sffr bench --out runs/bench
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-autosave --benchmark-compare
+	$(BIN)/python -m pytest tests/benchmarks -W default --benchmark-autosave --benchmark-compare --benchmark-columns=median,iqr,rounds
 
 format: $(VENV)/.dev ## rewrite the code in the one format
 	$(BIN)/ruff check --fix-only --quiet .
@@ -54,11 +54,6 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/pip
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
 	@$(INSTALL) ".[dev]"
 	@touch $@ $(VENV)/.run
-
-$(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.dev
-	@echo "Installing what the comparisons need into $(VENV) ..."
-	@$(INSTALL) ".[dev,bench]"
-	@touch $@
 
 $(BIN)/pip:
 	@for python in python3.11 python3; do \
