@@ -97,6 +97,13 @@ def test_engines_drive_the_same_way(course):
     assert relative_errors(mujoco, ours).max() > 1e-6
 
 
+def test_mujoco_converges_in_small_steps_when_its_solver_may_not_stop_early(course):
+    coarse, fine, finest = (
+        MujocoPlant(course, "RK4", 2.0e-3 / steps, tolerance=0.0).drive()[0] for steps in (1, 4, 16)
+    )
+    assert relative_errors(fine, finest).max() < relative_errors(coarse, finest).max() / 4 < 1e-9
+
+
 def test_mujoco_repeats_its_drive_and_returns_to_the_start(course):
     plant = MujocoPlant(course, "implicitfast", 2.0e-3)
     _, forces = plant.drive()

@@ -32,13 +32,15 @@ class MujocoPlant:
         course: where it starts; its panels must have one element.
         integrator: of ``INTEGRATORS``.
         step: [s], a whole part of the control period.
+        tolerance: of the solver for the grasps. A small step starts so near to its solution that the default lets
+            the solver do nothing, which leaves an error that no smaller step removes; 0 does not.
     """
 
-    def __init__(self, course: Course, integrator: str, step: float) -> None:
+    def __init__(self, course: Course, integrator: str, step: float, tolerance: float = TOLERANCE) -> None:
         params = course.params
         self._course, self._steps = course, round(course.robot.period / step)
         self.model, self.data = mujoco_robot.assemble(params, SEGMENTS, SOFTNESS, step)
-        self.model.opt.integrator, self.model.opt.tolerance = INTEGRATORS[integrator], TOLERANCE
+        self.model.opt.integrator, self.model.opt.tolerance = INTEGRATORS[integrator], tolerance
         joints = mujoco_robot.joint_names(params)
         hinges = [f"panel {i} {k}" for i in range(params.n_panels) for k in range(1, SEGMENTS + 1)]
         self._rigid, self._body, self._hinges = (
