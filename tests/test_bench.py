@@ -180,7 +180,7 @@ def made_up(**changes):
         Section(name, name, [
             Row(
                 key, key, "unit", value if isinstance(value, tuple) else (value,),
-                versus="" if key.startswith("ours") else versus.get(name, ""), extra={"error_max": 1e-9},
+                versus="" if key.startswith("ours") else versus.get(name, ""), extra={"error_end": 1e-9, "error_max": 1e-9},
             )
             for key, value in rows.items()
         ])
@@ -267,6 +267,7 @@ def test_doc_keeps_its_words_and_takes_the_tables(tmp_path):
         report.write_doc(file, sections, judge(sections), ["sffr", "bench"])
     text = file.read_text()
     assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
+    assert "images/work_precision.png" in text and (tmp_path / "images" / "work_precision.png").is_file()
     assert text.count("| closed loop with AHSC | 500 times real time | at least 400 times real time | met |") == 1
 
 

@@ -16,11 +16,13 @@ from rich.text import Text
 
 import sffr_gym
 from agents.bench.measure import Row, Section
+from agents.bench.precision import PICTURE, save_picture
 from agents.bench.targets import Target
 from agents.run_folder import git_state, package_version, to_json, write_whole
 from sffr_gym import ConfigError
 
 RESULT = "bench.json"
+IMAGES = "images"  # folder of a Markdown file's pictures, beside it
 PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "mujoco", "sffr-gym")
 COLUMNS = ("", "median", "unit", "lowest", "highest", "ours is", "")
 NUMBERS = (1, 3, 4, 5)
@@ -91,7 +93,7 @@ def machine() -> dict[str, Any]:
 
 
 def write_doc(file: Path, sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> None:
-    """Replace what stands between the markers of a Markdown file by the tables of this run.
+    """Replace what stands between the markers of a Markdown file by the tables of this run, and its picture.
 
     Raises:
         ConfigError: if the file is missing or has no markers.
@@ -99,6 +101,10 @@ def write_doc(file: Path, sections: Sequence[Section], targets: Sequence[Target]
     text = check_doc(file)
     head, tail = text[: text.index(BEGIN)], text[text.index(END) :]
     body = "\n".join(_markdown(sections, targets, command))
+    for section in sections:
+        if section.name == "precision":
+            (file.parent / IMAGES).mkdir(exist_ok=True)
+            save_picture(section, file.parent / IMAGES)
     write_whole(file, f"{head}{BEGIN}\n\n{body}\n\n{tail}".encode())
 
 
@@ -135,6 +141,8 @@ def _markdown(sections: Sequence[Section], targets: Sequence[Target], command: S
         yield _line(["--:" if k in NUMBERS else "---" for k in range(len(COLUMNS))])
         yield from (_line(cells) for cells in _cells(section))
         yield from (f"\n{remark}" for remark in section.remarks)
+        if section.name == "precision":
+            yield f"\n![Error at the end of the circle over time]({IMAGES}/{PICTURE})"
 
 
 def _line(cells: Sequence[str]) -> str:
