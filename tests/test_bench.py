@@ -180,7 +180,7 @@ def made_up(**changes):
         Section(name, name, [
             Row(
                 key, key, "unit", value if isinstance(value, tuple) else (value,),
-                versus="" if key.startswith("ours") else versus.get(name, ""), extra={"error_end": 1e-9, "error_max": 1e-9},
+                versus="" if key.startswith("ours") else versus.get(name, ""), extra=dict.fromkeys(("error_end", "error_max"), 1e-9),
             )
             for key, value in rows.items()
         ])
