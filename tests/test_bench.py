@@ -180,7 +180,8 @@ def made_up(**changes):
         Section(name, name, [
             Row(
                 key, key, "unit", value if isinstance(value, tuple) else (value,),
-                versus="" if key.startswith("ours") else versus.get(name, ""), extra=dict.fromkeys(("error_end", "error_max"), 1e-9),
+                versus="" if key.startswith("ours") else versus.get(name, ""),
+                extra=dict.fromkeys(("error_end", "error_max"), 1e-9),
             )
             for key, value in rows.items()
         ])
