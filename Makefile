@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results test format lint types contracts check clean
+.PHONY: help run verify results test bench format lint types contracts check clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -25,6 +25,10 @@ results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/l
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+
+bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
+	$(BIN)/sffr bench --out runs/bench
+	$(BIN)/python -m pytest tests/benchmarks -W default --benchmark-autosave --benchmark-compare --benchmark-columns=median,iqr,rounds
 
 format: $(VENV)/.dev ## rewrite the code in the one format
 	$(BIN)/ruff check --fix-only --quiet .

@@ -14,7 +14,8 @@ from rich.markup import escape
 
 import verification
 from agents import verify
-from agents.benchmark.commands import add_commands
+from agents.bench.commands import add_commands as add_speed_commands
+from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
@@ -197,7 +198,8 @@ def reproduce_command(
     tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
 
 
-add_commands(app)
+add_speed_commands(app)
+add_benchmark_commands(app)
 
 if __name__ == "__main__":
     app()

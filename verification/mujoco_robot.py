@@ -18,6 +18,8 @@ from sffr_gym.params import Params
 from sffr_gym.simulator import Simulator
 from verification.motion import RECORD, Array, Motion, Piece, panel_displacement, stack
 
+BASE_JOINTS = ("x", "y", "yaw")
+OBJECT_JOINTS = ("object x", "object y", "object yaw")
 STABLE = 0.8  # step [s] of the Runge-Kutta method times the squared number of segments
 
 
@@ -31,13 +33,8 @@ def simulate(params: Params, pieces: Sequence[Piece], segments: int = 20, softne
         softness: part of the acceleration that a grasp lets through (1 - impedance); 0 would be rigid.
     """
     step = RECORD / np.ceil(RECORD / min(STABLE / segments**2, 2.0e-3))
-    model = _build(params, segments, softness, step).compile()
-    data = mujoco.MjData(model)
-    start = Simulator(params).initial_state()
-    data.qpos[[model.joint(name).qposadr[0] for name in _rigid_joints(params)]] = start.q
-    if start.obj is not None:
-        data.qpos[[model.joint(name).qposadr[0] for name in _OBJECT_JOINTS]] = start.obj
-    forced = [model.joint(name).dofadr[0] for name in _rigid_joints(params)]
+    model, data = assemble(params, segments, softness, step)
+    forced = [model.joint(name).dofadr[0] for name in joint_names(params)]
     every = round(RECORD / step)
     rows: list[tuple[Array, ...]] = []
     for piece in pieces:
@@ -51,11 +48,22 @@ def simulate(params: Params, pieces: Sequence[Piece], segments: int = 20, softne
     return stack(rows)
 
 
+def assemble(params: Params, segments: int, softness: float, step: float) -> tuple[Any, Any]:
+    """MuJoCo's model and data of the robot at rest in its initial pose; arguments as in :func:`simulate`."""
+    model = _build(params, segments, softness, step).compile()
+    data = mujoco.MjData(model)
+    start = Simulator(params).initial_state()
+    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(params)]] = start.q
+    if start.obj is not None:
+        data.qpos[[model.joint(name).qposadr[0] for name in OBJECT_JOINTS]] = start.obj
+    return model, data
+
+
 def frequencies(params: Params, segments: int) -> Array:
     """Natural angular frequencies at the initial configuration [rad/s], those of rigid motion left out, rising."""
     model = _build(params, segments, 0.0, 1.0e-3).compile()
     data = mujoco.MjData(model)
-    data.qpos[[model.joint(name).qposadr[0] for name in _rigid_joints(params)]] = params.initial.q
+    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(params)]] = params.initial.q
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     for row, unit in zip(M, np.eye(model.nv), strict=True):
@@ -64,18 +72,14 @@ def frequencies(params: Params, segments: int) -> Array:
     return np.sqrt(squares[np.count_nonzero(model.jnt_stiffness == 0.0) :])
 
 
+def joint_names(params: Params) -> list[str]:
+    """Names of the joints in the order of q."""
+    return [*BASE_JOINTS, *(f"{arm.name} {k}" for arm in params.arms for k in range(len(arm.links)))]
+
+
 def extrapolate(coarse: Motion, fine: Motion) -> Motion:
     """The limit of a second-order error from two runs, the second twice as fine."""
     return Motion(*(f + (f - c) / 3.0 for c, f in zip(coarse, fine, strict=True)))
-
-
-_BASE_JOINTS = ("x", "y", "yaw")
-_OBJECT_JOINTS = ("object x", "object y", "object yaw")
-
-
-def _rigid_joints(params: Params) -> list[str]:
-    """Names of the joints in the order of q."""
-    return [*_BASE_JOINTS, *(f"{arm.name} {k}" for arm in params.arms for k in range(len(arm.links)))]
 
 
 def _build(params: Params, segments: int, softness: float, step: float) -> Any:
@@ -85,7 +89,7 @@ def _build(params: Params, segments: int, softness: float, step: float) -> Any:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.tolerance = 0.0
     spec.compiler.degree = False
-    base = _floating(spec, "base", _BASE_JOINTS, params.base.mass, params.base.inertia)
+    base = _floating(spec, "base", BASE_JOINTS, params.base.mass, params.base.inertia)
     for arm in params.arms:
         parent, place, angle = base, arm.mount, arm.mount_angle
         for k, link in enumerate(arm.links):
@@ -96,7 +100,7 @@ def _build(params: Params, segments: int, softness: float, step: float) -> Any:
     for i, mount in enumerate(params.panel.mounts):
         _add_panel(params, base, mount, i, segments)
     if params.object is not None:
-        held = _floating(spec, "object", _OBJECT_JOINTS, params.object.mass, params.object.inertia)
+        held = _floating(spec, "object", OBJECT_JOINTS, params.object.mass, params.object.inertia)
         for g, grasp in enumerate(params.object.grasps):
             held.add_site(name=f"grasp {g}", pos=[*grasp.point, 0])
             pin = spec.add_equality(
@@ -146,12 +150,12 @@ def _add_panel(params: Params, base: Any, mount: Any, index: int, segments: int)
 
 def _row(params: Params, model: Any, data: Any) -> tuple[Array, ...]:
     mujoco.mj_forward(model, data)
-    base = np.array([data.qpos[model.joint(name).qposadr[0]] for name in _BASE_JOINTS])
+    base = np.array([data.qpos[model.joint(name).qposadr[0]] for name in BASE_JOINTS])
     tips = np.array([data.site(f"tip {i}").xpos[:2] for i in range(params.n_panels)]).reshape(-1, 2)
     grippers = np.array([data.site(f"end {arm.name}").xpos[:2] for arm in params.arms])
     if params.object is None:
         return base, panel_displacement(params, base, tips), grippers, np.zeros(0), np.zeros((0, 2))
-    obj = np.array([data.qpos[model.joint(name).qposadr[0]] for name in _OBJECT_JOINTS])
+    obj = np.array([data.qpos[model.joint(name).qposadr[0]] for name in OBJECT_JOINTS])
     n_g = len(params.object.grasps)
     lam = data.efc_force[: 3 * n_g].reshape(n_g, 3)[:, :2].copy()  # on the first site, the arm's end
     return base, panel_displacement(params, base, tips), grippers, obj, lam

@@ -1,0 +1,99 @@
+"""The physics alone, against MuJoCo and SciPy, and the closed loop with AHSC over the circle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from agents.bench.circle import Course, close_loop, drive, make_course, make_record
+from agents.bench.measure import Row, Section, one_core, rounds, seconds
+from agents.bench.mujoco_circle import MujocoPlant
+from agents.bench.scipy_circle import ScipyPlant
+from baselines import make_policy
+from baselines.closed_loop import run
+from baselines.policies import LawPolicy
+from sffr_gym.beam import Array
+from sffr_gym.task import make_buffers
+
+STEP = 2.0e-3  # s
+RTOL = 1.0e-6  # of SciPy's methods
+UNIT = "simulated s/s"
+PERIODS, QUICK_PERIODS = 5000, 200  # of a compared stretch
+SLOW = 25  # SciPy drives so many times fewer
+
+
+def physics(repeats: int, quick: bool) -> Section:
+    """Simulated seconds per second of the plant alone, at steps of 2 ms, the object pinned, on one core."""
+    periods = QUICK_PERIODS if quick else PERIODS
+    course = make_course(periods * STEP)
+    forces = close_loop(course)
+    contenders: dict[str, Callable[[], float]] = {"ours": lambda: course_time(course) / drive(course, forces).seconds}
+    for name in "RK4", "implicitfast":
+        plant = MujocoPlant(course, name, STEP)
+        _, recorded = plant.drive()
+        contenders[name] = _mujoco(plant, recorded)
+    few, scipy = forces[: max(periods // SLOW, 1)], {}
+    for method in "DOP853", "Radau":
+        scipy[method] = ScipyPlant(course, method, RTOL)
+        contenders[method] = _scipy(scipy[method], few, course)
+    with one_core():
+        samples = rounds(contenders, repeats)
+    names = {
+        "ours": "sffr-gym, ETDRK4", "RK4": "MuJoCo, RK4", "implicitfast": "MuJoCo, implicitfast",
+        "DOP853": f"SciPy, DOP853, rtol {RTOL:g}", "Radau": f"SciPy, Radau, rtol {RTOL:g}",
+    }  # fmt: skip
+    work = {
+        key: f"{plant.evaluations / (len(few) * (repeats + 1)):.0f} evaluations of our equations per 2 ms"
+        for key, plant in scipy.items()
+    }
+    rows = [
+        Row(key, what, UNIT, samples[key], versus="" if key == "ours" else "ours", note=work.get(key, ""))
+        for key, what in names.items()
+    ]
+    return Section("physics", "Physics alone: the robot with the pinned object, 2 ms, one core", rows, [
+        "Forces are those of AHSC on the first part of the circle, held for 2 ms each. MuJoCo runs all steps in one "
+        "call of its rollout, panels of 2 rigid segments, object held by connect constraints. SciPy starts anew at "
+        "each jump of the forces.",
+    ])  # fmt: skip
+
+
+def closed_loop(repeats: int, quick: bool) -> Section:
+    """Simulated seconds per second of law and plant around the whole circle, on one core."""
+    course = make_course(QUICK_PERIODS * STEP if quick else None)
+    law, record, buffers = make_policy("ahsc", course.params), make_record(course), make_buffers(course.robot)
+    assert isinstance(law, LawPolicy)
+
+    def once() -> float:
+        p, v, obs, B_hat = course.p.copy(), course.v.copy(), course.obs.copy(), law.initial_damping()
+        elapsed = seconds(
+            lambda: run(
+                course.robot, course.reference, law.law, buffers, 0, course.ticks, p, v, obs, B_hat, record
+            )
+        )  # fmt: skip
+        return course_time(course) / elapsed
+
+    with one_core():
+        samples = rounds({"ahsc": once}, repeats)["ahsc"]
+    row = Row(
+        "ahsc", "AHSC and plant, 2 ms", UNIT, samples, note=f"{1e6 * STEP / float(np.median(samples)):.2f} us/period"
+    )
+    length = course_time(course)
+    return Section("loop", f"Closed loop with AHSC, {length:.1f} s of the circle in one call, one core", [row])
+
+
+def course_time(course: Course) -> float:
+    """Length of a course [s]."""
+    return course.ticks * course.robot.period
+
+
+def _mujoco(plant: MujocoPlant, forces: Array) -> Callable[[], float]:
+    return lambda: len(forces) * STEP / plant.replay(forces)
+
+
+def _scipy(plant: ScipyPlant, forces: Array, course: Course) -> Callable[[], float]:
+    def once() -> float:
+        plant.y = np.concatenate([course.p, course.v])
+        return len(forces) * STEP / seconds(lambda: plant.replay(forces))
+
+    return once
