@@ -12,9 +12,8 @@ import numpy as np
 
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
-from sffr_gym.episode import Episode, draw
+from sffr_gym.episode import Episode, draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot
-from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import load_scenario
@@ -130,7 +129,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.params = resolve_params(params, overrides)
         self.scenario = load_scenario(scenario)
         self.robot = self._believed = make_robot(self.params)
-        self.fields = observation_fields(self.robot.model, self.params)
+        self._nominal = nominal(self.params)
+        self.fields = self._nominal.fields
         self.action_space, self.observation_space = make_spaces(self.robot)
         self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, 1)
         self._episode: Episode | None = None
@@ -146,7 +146,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
-        episode = draw(self.scenario, self.params, self._believed.model, self.np_random)
+        episode = draw(self.scenario, self._nominal, self.np_random)
         self._take(episode)
         start_episode(self._fleet, self._batch, 0, episode)
         return self._batch.obs[0].copy(), self._info()

@@ -69,33 +69,59 @@ class Episode(NamedTuple):
     drawn: Drawn
 
 
-def draw(scenario: Scenario, params: Params, model: Model, rng: np.random.Generator) -> Episode:
+class Nominal(NamedTuple):
+    """What every draw begins from, and what would take the longest part of a draw to compute.
+
+    Attributes:
+        params: what the controllers believe; model: packed from it.
+        p, v: (n,) positions and velocities at the undisturbed start.
+        fields: layout of the observation.
+    """
+
+    params: Params
+    model: Model
+    p: Array
+    v: Array
+    fields: dict[str, Field]
+
+
+def nominal(params: Params) -> Nominal:
+    """The robot that the controllers believe in, at its start.
+
+    Raises:
+        ConfigError: if the end-effectors cannot reach the grasp points from the given joint angles.
+    """
+    model = pack(params)
+    return Nominal(params, model, *initial_positions(params, model), observation_fields(model, params))
+
+
+def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episode:
     """Draw an episode; the same generator state gives the same episode.
 
     Args:
         scenario: what to draw.
-        params: what the controllers believe.
-        model: packed from it.
+        known: what the controllers believe.
         rng: the only source of random numbers.
 
     Raises:
         ConfigError: if the scenario asks for a mode, an object or a panel that the robot does not have.
     """
     drawn: Drawn = {}
-    prior = _draw_speed(scenario, params, rng, drawn)
+    prior = _draw_speed(scenario, known.params, rng, drawn)
     plant = _draw_plant(scenario, prior, rng, drawn)
+    model, p, v = known.model, known.p.copy(), known.v.copy()
     if plant is not prior:
         model = pack(plant)
-    p, v = initial_positions(plant, model)
+        p, v = initial_positions(plant, model)
     reference = circle_reference(prior, model, p)
-    _keep_up(prior.path.speed - params.path.speed, reference, model, p, v)
+    _keep_up(prior.path.speed - known.params.path.speed, reference, model, p, v)
     if scenario.panel_modes:
         _excite(scenario, model, p, v, rng, drawn)
     _offset(scenario, model, p, v, rng, drawn)
     ticks = scenario.ticks(prior)
     health = _draw_fault(scenario, len(model.panel_root), rng, drawn)
     impulses = _draw_impulses(scenario.impulses, ticks, prior.control.period, rng, drawn)
-    sensing = _draw_sensing(scenario.sensors, observation_fields(model, prior), rng, drawn)
+    sensing = _draw_sensing(scenario.sensors, known.fields, rng, drawn)
     return Episode(p, v, reference, plant, prior, ticks, health, impulses, sensing, drawn)
 
 

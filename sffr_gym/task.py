@@ -125,7 +125,7 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
         robot: what the controllers believe.
         episode: as drawn.
     """
-    plant = robot if episode.plant == episode.prior else make_robot(episode.plant)
+    plant = robot if episode.plant is episode.prior else make_robot(episode.plant)
     left = plant.actuators.limit * episode.health.left(plant.actuators)
     return plant._replace(actuators=plant.actuators._replace(limit=left), scale=robot.scale)
 

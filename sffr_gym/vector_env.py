@@ -15,9 +15,8 @@ from gymnasium.vector.utils import batch_space
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot
-from sffr_gym.observation import observation_fields
 from sffr_gym.scenario import load_scenario
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
@@ -71,7 +70,8 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.params = resolve_params(params, overrides)
         self.scenario = load_scenario(scenario)
         self.robot = make_robot(self.params)
-        self.fields = observation_fields(self.robot.model, self.params)
+        self._nominal = nominal(self.params)
+        self.fields = self._nominal.fields
         self.single_action_space, self.single_observation_space = make_spaces(self.robot)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -143,7 +143,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self.scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.robot, self.num_envs)  # until here all were alike
         for i in np.flatnonzero(mask):
-            episode = draw(self.scenario, self.params, self.robot.model, self._rngs[i])
+            episode = draw(self.scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
                 put_robot(self._fleet, int(i), episode_robot(self.robot, episode))
             start_episode(self._fleet, self._batch, int(i), episode)

@@ -80,8 +80,11 @@ def test_work_and_precision_has_all_methods_and_a_picture(tmp_path):
 def test_a_drive_from_its_forces_is_the_closed_loop_to_the_bit(course):
     record, policy = make_record(course), make_policy("ahsc", course.params)
     p, v, obs = course.p.copy(), course.v.copy(), course.obs.copy()
-    buffers, B_hat = make_buffers(course.robot), policy.initial_damping()
-    run(course.robot, course.reference, policy.law, buffers, 0, course.ticks, p, v, obs, B_hat, record)
+    buffers, B_hat, episode = make_buffers(course.robot), policy.initial_damping(), course.episode
+    run(
+        course.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, 0, course.ticks, p, v,
+        obs, B_hat, record,
+    )  # fmt: skip
     again = drive(course, close_loop(course))
     assert len(again.rigid) == CHECKPOINTS
     np.testing.assert_array_equal(again.rigid[-1], np.concatenate([p[:9], p[-3:]]))

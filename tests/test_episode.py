@@ -8,7 +8,7 @@ import yaml
 
 from sffr_gym import ConfigError, Simulator, load_params
 from sffr_gym.config import config_dir, merge
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.model import pack
 from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.observation import observation_fields
@@ -30,8 +30,8 @@ def params():
 def episodes(params, scenario, seeds=SEEDS):
     """Return episodes of a scenario, by name or as it is."""
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    model = pack(params)
-    return [draw(scenario, params, model, np.random.default_rng(seed)) for seed in seeds]
+    known = nominal(params)
+    return [draw(scenario, known, np.random.default_rng(seed)) for seed in seeds]
 
 
 def spread(values, low, high):

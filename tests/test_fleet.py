@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sffr_gym.batch import make_batch, start_episode, step_range
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot, robot_at
 from sffr_gym.params import load_params
 from sffr_gym.scenario import load_scenario
@@ -52,7 +52,7 @@ def run(robots, ticks=40):
     fleet, batch = make_fleet(robots[0], len(robots)), make_batch(robots[0], len(robots))
     for i, robot in enumerate(robots):
         put_robot(fleet, i, robot)
-        start_episode(fleet, batch, i, draw(scenario, params, robot_of().model, np.random.default_rng(3)))
+        start_episode(fleet, batch, i, draw(scenario, nominal(params), np.random.default_rng(3)))
     actions = np.tile(np.random.default_rng(4).uniform(-0.1, 0.1, 15), (len(robots), 1))
     for _ in range(ticks):
         step_range(fleet, batch, actions, np.ones(len(robots), dtype=np.bool_), 0, len(robots))

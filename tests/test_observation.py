@@ -8,7 +8,7 @@ from oracle import Oracle
 
 from sffr_gym.batch import make_batch, start_episode, view_one
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet
 from sffr_gym.initial import initial_positions
 from sffr_gym.kinematics import arm_points, perpendicular, rotation
@@ -77,7 +77,7 @@ class Observer:
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
         self.fields = observation_fields(self.model, params)
-        self.episode = draw(load_scenario("nominal"), self.params, self.model, np.random.default_rng(0))
+        self.episode = draw(load_scenario("nominal"), nominal(self.params), np.random.default_rng(0))
 
     def __call__(self, p, v, tick):
         """Return the observation (n_o,) of positions and velocities at a control tick."""

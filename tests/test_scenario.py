@@ -8,7 +8,7 @@ import yaml
 
 from sffr_gym import ConfigError, Simulator
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.kinematics import arm_points, rotation
 from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.scenario import load_scenario
@@ -40,7 +40,7 @@ def starts(simulator, name, seeds=SEEDS):
     """Return the start states and the drawn values of a scenario's episodes."""
     found = []
     for seed in seeds:
-        episode = draw(load_scenario(name), simulator.params, simulator.model, np.random.default_rng(seed))
+        episode = draw(load_scenario(name), nominal(simulator.params), np.random.default_rng(seed))
         found.append((simulator.unflatten(0.0, episode.p, episode.v), episode.drawn))
     return found
 
@@ -55,7 +55,7 @@ def test_nominal_is_table_iv_and_draws_nothing(simulator):
     """Every episode starts at Table IV, the object at rest in the grippers, and no random number is used."""
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    episode = draw(load_scenario("nominal"), simulator.params, simulator.model, rng)
+    episode = draw(load_scenario("nominal"), nominal(simulator.params), rng)
     assert rng.bit_generator.state == before
     assert episode.drawn == {}
     state = simulator.unflatten(0.0, episode.p, episode.v)

@@ -16,7 +16,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from sffr_gym import ConfigError, batch
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet
 from sffr_gym.params import load_params
 from sffr_gym.scenario import load_scenario, scenario_names
@@ -160,7 +160,7 @@ def test_a_neighbour_that_blows_up_does_no_harm():
     """A state that overflows ends its own episode alone; the others do not feel it, in whatever order they come."""
     robot, params = make_robot(load_params()), load_params()
     fleet, rng = make_fleet(robot), np.random.default_rng(0)
-    episodes = [draw(load_scenario("excited"), params, robot.model, rng) for _ in range(3)]
+    episodes = [draw(load_scenario("excited"), nominal(params), rng) for _ in range(3)]
     envs, alone = batch.make_batch(robot, 3), batch.make_batch(robot, 3)
     for i, episode in enumerate(episodes):
         batch.start_episode(fleet, envs, i, episode)

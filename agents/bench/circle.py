@@ -14,16 +14,17 @@ import numpy as np
 
 from agents.bench.loops import forces_of, replay
 from baselines import make_policy
-from baselines.closed_loop import Record, run
+from baselines.closed_loop import Law, Record, run
 from baselines.policies import LawPolicy
 from sffr_gym.actuators import generalized_forces, saturate
 from sffr_gym.beam import N_TIP, Array
 from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.episode import Episode
 from sffr_gym.integrator import ETDRK4, step_workspace
 from sffr_gym.model import joint_slice, mode_slice, n_positions, object_slice
 from sffr_gym.params import Params
 from sffr_gym.reference import Reference
-from sffr_gym.task import N_SIGNALS, RUNNING, Robot, make_buffers, view
+from sffr_gym.task import N_SIGNALS, RUNNING, Buffers, Robot, make_buffers, view
 
 CHECKPOINTS = 50  # of the circle, at which engines are compared
 
@@ -32,18 +33,32 @@ class Course(NamedTuple):
     """The start of the circle.
 
     Attributes:
-        params, robot, reference: the case study.
+        params, robot, episode: the case study.
         p, v: (n,) positions and velocities at the start; obs: (n_o,) their observation.
         ticks: control periods to the end.
     """
 
     params: Params
     robot: Robot
-    reference: Reference
+    episode: Episode
     p: Array
     v: Array
     obs: Array
     ticks: int
+
+    @property
+    def reference(self) -> Reference:
+        """The desired motion."""
+        return self.episode.reference
+
+    def control(self, robot: Robot, law: Law, buffers: Buffers, record: Record) -> tuple[int, int]:
+        """Drive the robot along the course in the compiled loop; return the periods that ran and the status."""
+        p, v, obs, episode = self.p.copy(), self.v.copy(), self.obs.copy(), self.episode
+        B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
+        return run(
+            robot, episode.reference, episode.sensing, episode.impulses, law, buffers, 0, self.ticks, p, v, obs, B_hat,
+            record,
+        )  # fmt: skip
 
     @property
     def every(self) -> int:
@@ -70,7 +85,7 @@ def make_course(seconds: float | None = None, *overrides: str) -> Course:
     env = SFFRFlexEnv(overrides=overrides)
     obs, _ = env.reset(seed=0)
     ticks = env.scenario.ticks(env.params) if seconds is None else round(seconds / env.robot.period)
-    return Course(env.params, env.robot, env.reference, env.positions, env.velocities, obs, ticks)
+    return Course(env.params, env.robot, env.episode, env.positions, env.velocities, obs, ticks)
 
 
 def shared_coordinates(course: Course, p: Array) -> tuple[Array, Array]:
@@ -99,8 +114,7 @@ def close_loop(course: Course, integrator: int = ETDRK4, steps: int = 1) -> Arra
     """
     robot, ticks = course.robot._replace(integrator=integrator, steps=steps), course.ticks
     law, record = _law(course), make_record(course)
-    p, v, obs, B_hat = course.p.copy(), course.v.copy(), course.obs.copy(), law.initial_damping()
-    done, outcome = run(robot, course.reference, law.law, make_buffers(robot), 0, ticks, p, v, obs, B_hat, record)
+    done, outcome = course.control(robot, law.law, make_buffers(robot), record)
     if outcome != RUNNING:
         raise RuntimeError(f"the drive ended in period {done} of {ticks}")
     forces = np.zeros((ticks, n_positions(robot.model)))

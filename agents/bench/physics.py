@@ -11,7 +11,6 @@ from agents.bench.measure import Row, Section, one_core, rounds, seconds
 from agents.bench.mujoco_circle import MujocoPlant
 from agents.bench.scipy_circle import ScipyPlant
 from baselines import make_policy
-from baselines.closed_loop import run
 from baselines.policies import LawPolicy
 from sffr_gym.beam import Array
 from sffr_gym.task import make_buffers
@@ -65,13 +64,7 @@ def closed_loop(repeats: int, quick: bool) -> Section:
     assert isinstance(law, LawPolicy)
 
     def once() -> float:
-        p, v, obs, B_hat = course.p.copy(), course.v.copy(), course.obs.copy(), law.initial_damping()
-        elapsed = seconds(
-            lambda: run(
-                course.robot, course.reference, law.law, buffers, 0, course.ticks, p, v, obs, B_hat, record
-            )
-        )  # fmt: skip
-        return course_time(course) / elapsed
+        return course_time(course) / seconds(lambda: course.control(course.robot, law.law, buffers, record))
 
     with one_core():
         samples = rounds({"ahsc": once}, repeats)["ahsc"]

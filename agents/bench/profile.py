@@ -20,9 +20,11 @@ from agents.bench.loops import observe_often, solve_motion
 from agents.bench.measure import Contender, Row, Section, one_core, rounds, seconds
 from agents.bench.rates import PASSES, operation_times
 from baselines import make_policy
-from baselines.closed_loop import act, run
+from baselines.closed_loop import act
 from sffr_gym.batch import make_batch, start_episode, step_batch
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.episode import draw
+from sffr_gym.fleet import make_fleet
+from sffr_gym.scenario import load_scenario
 from sffr_gym.task import N_SIGNALS, make_buffers
 
 UNIT = "us/period"
@@ -116,17 +118,13 @@ def _kernels(course: Course) -> dict[str, Contender]:
         count = STAGES * robot.steps * periods
         solve_motion(robot.model, course.p.copy(), course.v, forces[0], buffers.step.dynamics, out, count)
 
-    def loop() -> None:
-        p, v, obs, B = course.p.copy(), course.v.copy(), course.obs.copy(), policy.initial_damping()
-        run(robot, reference, policy.law, buffers, 0, periods, p, v, obs, B, record)
-
     timed: dict[str, Callable[[], Any]] = {
         "equations": equations,
         "law": lambda: act(policy.law, observations, B_hat, actions),
         "view": lambda: observe_often(
             robot, reference, course.p, course.v, buffers, course.obs.copy(), signals, periods
         ),
-        "loop": loop,
+        "loop": lambda: course.control(robot, policy.law, buffers, record),
     }  # fmt: skip
     contenders: dict[str, Contender] = {name: _per_period(part, periods) for name, part in timed.items()}
     contenders["step"] = lambda: 1e6 * drive(course, forces, robot.integrator, robot.steps).seconds / periods
@@ -140,11 +138,12 @@ def _interface(quick: bool) -> dict[str, Contender]:
     bare: Any = made.unwrapped
     made.reset(seed=0)
     robot, still = bare.robot, np.zeros(len(bare.robot.scale), dtype=np.float32)
-    batch, actions, active = make_batch(robot, 1), still[None].astype(np.float64), np.ones(1, dtype=np.bool_)
-    episode = draw(load_scenario("nominal"), bare.params, robot.model, np.random.default_rng(0))
-    start_episode(robot, batch, 0, episode)
+    fleet, batch = make_fleet(robot), make_batch(robot, 1)
+    actions, active = still[None].astype(np.float64), np.ones(1, dtype=np.bool_)
+    episode = draw(load_scenario("nominal"), nominal(bare.params), np.random.default_rng(0))
+    start_episode(fleet, batch, 0, episode)
     steps: dict[str, Callable[[], Any]] = {
-        "batch": lambda: step_batch(robot, batch, actions, active),
+        "batch": lambda: step_batch(fleet, batch, actions, active),
         "env": lambda: bare.step(still),
         "made": lambda: made.step(still),
     }

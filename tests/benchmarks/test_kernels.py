@@ -9,10 +9,12 @@ import pytest
 from agents.bench.circle import close_loop, make_course, make_record
 from agents.bench.loops import observe_often, replay, solve_motion
 from baselines import make_policy
-from baselines.closed_loop import act, run
+from baselines.closed_loop import act
 from sffr_gym.batch import make_batch, start_episode, step_range
+from sffr_gym.episode import draw, nominal
+from sffr_gym.fleet import make_fleet
 from sffr_gym.integrator import INTEGRATORS, step_workspace
-from sffr_gym.scenario import draw, load_scenario
+from sffr_gym.scenario import load_scenario
 from sffr_gym.task import N_SIGNALS, RUNNING, make_buffers
 
 PERIODS = 500
@@ -64,18 +66,13 @@ def test_control_law(benchmark, course):
 
 def test_closed_loop(benchmark, course):
     policy, buffers, record = make_policy("ahsc", course.params), make_buffers(course.robot), make_record(course)
-
-    def periods():
-        p, v, obs, B_hat = course.p.copy(), course.v.copy(), course.obs.copy(), policy.initial_damping()
-        return run(course.robot, course.reference, policy.law, buffers, 0, PERIODS, p, v, obs, B_hat, record)
-
-    assert benchmark(periods) == (PERIODS, RUNNING)
+    assert benchmark(lambda: course.control(course.robot, policy.law, buffers, record)) == (PERIODS, RUNNING)
 
 
 def test_batch(benchmark, course):
-    batch, rng = make_batch(course.robot, PERIODS), np.random.default_rng(0)
+    fleet, batch, rng = make_fleet(course.robot), make_batch(course.robot, PERIODS), np.random.default_rng(0)
     for i in range(PERIODS):
-        start_episode(course.robot, batch, i, draw(load_scenario("excited"), course.params, course.robot.model, rng))
+        start_episode(fleet, batch, i, draw(load_scenario("excited"), nominal(course.params), rng))
     actions, active = np.zeros((PERIODS, len(course.robot.scale))), np.ones(PERIODS, dtype=np.bool_)
-    benchmark(lambda: step_range(course.robot, batch, actions, active, 0, PERIODS))
+    benchmark(lambda: step_range(fleet, batch, actions, active, 0, PERIODS))
     assert (batch.tick > 0).all()
