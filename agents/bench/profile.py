@@ -22,7 +22,7 @@ from agents.bench.rates import PASSES, operation_times
 from baselines import make_policy
 from baselines.closed_loop import act
 from sffr_gym.batch import make_batch, start_episode, step_batch
-from sffr_gym.episode import draw
+from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet
 from sffr_gym.scenario import load_scenario
 from sffr_gym.task import N_SIGNALS, make_buffers
