@@ -13,7 +13,7 @@ import numpy as np
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode, draw
-from sffr_gym.fleet import make_fleet, put_robot
+from sffr_gym.fleet import make_fleet
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
@@ -221,8 +221,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _take(self, episode: Episode) -> None:
         """Make an episode and its plant this one's."""
-        self._episode, self.robot = episode, episode_robot(self._believed, episode)
-        put_robot(self._fleet, 0, self.robot)
+        self._episode = episode
+        self.robot = episode_robot(self._believed, episode)
+        self._fleet = make_fleet(self.robot)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""

@@ -15,6 +15,7 @@ from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.observation import observation_fields
 from sffr_gym.scenario import Scenario, load_scenario, scenario_names, suite_hash
 from sffr_gym.task import SIGNALS
+from sffr_gym.vector_env import SFFRFlexVectorEnv
 
 SEEDS = range(60)
 SHIPPED = ["degraded", "excited", "fast", "impulse", "mismatch", "noise", "nominal", "offset", "payload"]
@@ -288,6 +289,21 @@ def test_a_fault_cuts_off_what_is_lost_of_the_limit(file, fault, lost, remaining
         for name, places in groups.items():  # what is dead does not saturate
             assert full[f"{name}_saturated"] == pytest.approx((full["applied"][places] != 0.0).mean())
     assert hit == (set(range(len(lost))) if remaining == 0.0 else set())
+
+
+def test_a_plant_may_need_other_steps():
+    """A lighter panel needs shorter steps of the classical integrator: alone it gets them, a batch says it cannot."""
+    overrides = ["simulation.integrator=rk4"]
+    env = SFFRFlexEnv("mismatch", overrides=overrides)
+    batch = SFFRFlexVectorEnv(20, scenario="mismatch", overrides=overrides)
+    steps = set()
+    for seed in range(20):
+        env.reset(seed=seed)
+        env.step(np.zeros(15))
+        steps.add(env.robot.steps)
+    assert len(steps) > 1
+    with pytest.raises(ValueError, match="steps in a control period"):
+        batch.reset(seed=0)
 
 
 def leaves(tree, prefix=()):
