@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify test format lint types contracts check clean
+.PHONY: help run verify results test format lint types contracts check clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -19,6 +19,9 @@ run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results 
 
 verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Exudyn; page in runs/verify
 	$(BIN)/sffr verify --out runs/verify --overwrite
+
+results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
+	$(BIN)/sffr benchmark --docs docs
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,11 +14,13 @@ from rich.markup import escape
 
 import verification
 from agents import verify
+from agents.benchmark.commands import add_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
+from agents.user_errors import user_errors
 from baselines import POLICIES
 from sffr_gym import ConfigError
 from sffr_gym._jit import remove_stale_caches
@@ -49,18 +49,6 @@ def sffr(
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
     remove_stale_caches()
-
-
-@contextmanager
-def user_errors() -> Iterator[None]:
-    """Turn faults of the user's input into a line on stderr and exit code 2; anything else keeps its traceback."""
-    try:
-        yield
-    except (ConfigError, OSError) as error:
-        console = Console(stderr=True, highlight=False)
-        for line in str(error).splitlines():
-            console.print(f"error: {line}", style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(2) from None
 
 
 _POLICY_HELP = "Policies to compare.\n\n" + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
@@ -208,6 +196,8 @@ def reproduce_command(
     tables.print(verdicts(claims), markup=False)
     tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
 
+
+add_commands(app)
 
 if __name__ == "__main__":
     app()

@@ -6,7 +6,7 @@ matplotlib is imported where it is used, so that everything else runs without it
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,8 +34,11 @@ DPI = 150
 START = 40.0  # s, the part of an episode that is shown at large
 PEAK = 4.0  # times the usual range: a peak beyond leaves the picture
 # Okabe and Ito's colours, which colour-blind people can tell apart.
-COLOURS = {"none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7"}
-OTHERS = ("#E69F00", "#56B4E9", "#882255", "#44AA99", "#000000")
+COLOURS = {
+    "none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7",
+    "hsc-tuned": "#56B4E9", "lqr": "#E69F00",
+}  # fmt: skip
+OTHERS = ("#882255", "#44AA99", "#000000", "#999933", "#332288")
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9, "axes.grid": True,
     "grid.color": "#E6E6E6", "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
@@ -100,12 +103,17 @@ def save_figures(folder: Path, evaluation: Evaluation) -> list[Path]:
 
 def make_view(trajectories: Mapping[str, Trajectory]) -> View:
     """Collect what the figures need from a trajectory of each policy, all in the same episode."""
-    others = [policy for policy in trajectories if policy not in COLOURS]
-    colours = COLOURS | {policy: OTHERS[i % len(OTHERS)] for i, policy in enumerate(others)}
     episode = next(iter(trajectories.values())).episode
     model = pack(episode.plant)
     actuators = pack_actuators(episode.plant, model)
-    return View(trajectories, model, episode.plant, actuators.limit * episode.health.left(actuators), colours)
+    limit = actuators.limit * episode.health.left(actuators)
+    return View(trajectories, model, episode.plant, limit, colours_of(trajectories))
+
+
+def colours_of(policies: Iterable[str]) -> dict[str, str]:
+    """A colour for each policy, the same in every figure for those that are shipped."""
+    others = [policy for policy in policies if policy not in COLOURS]
+    return COLOURS | {policy: OTHERS[i % len(OTHERS)] for i, policy in enumerate(others)}
 
 
 def path(view: View) -> Figure:

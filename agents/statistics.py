@@ -1,8 +1,8 @@
 """Statistics of a benchmark: interquartile mean, stratified bootstrap, profiles, probability of improvement.
 
 The definitions are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep reinforcement learning at the
-edge of the statistical precipice" (NeurIPS 2021), with the sign for costs, of which low ones are good. A table of scores
-is (episodes, scenarios); a scenario is a stratum.
+edge of the statistical precipice" (NeurIPS 2021), with the sign for costs, of which low ones are good. A table of
+scores is (episodes, scenarios); a scenario is a stratum.
 """
 
 from __future__ import annotations
@@ -82,14 +82,27 @@ def stratified_bootstrap(
 
     Source: Agarwal et al. 2021, sec. 4.1; Efron and Tibshirani, "An introduction to the bootstrap", ch. 13.
     """
-    table = _tables(scores)
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
-    drawn = np.random.default_rng(seed).integers(len(table), size=(resamples, *table.shape[:2]))
-    values = statistic(table[drawn, np.arange(table.shape[1])])
     tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(values, [tail, 1.0 - tail])
-    return Estimate(float(statistic(table)), float(low), float(high))
+    low, high = np.quantile(statistic(resample(scores, resamples, seed)), [tail, 1.0 - tail])
+    return Estimate(float(statistic(_tables(scores))), float(low), float(high))
+
+
+def resample(scores: ArrayLike, resamples: int = RESAMPLES, seed: int = SEED) -> Array:
+    """Tables whose episodes are drawn with replacement, each scenario by itself.
+
+    Args:
+        scores: (episodes, scenarios, ...).
+        resamples: number of tables.
+        seed: of the drawing.
+
+    Returns:
+        (resamples, episodes, scenarios, ...).
+    """
+    table = _tables(scores)
+    drawn = np.random.default_rng(seed).integers(len(table), size=(resamples, *table.shape[:2]))
+    return table[drawn, np.arange(table.shape[1])]
 
 
 def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> float:

@@ -150,5 +150,4 @@ def _one_element(prior: Params) -> Beam:
 
 def _quasi_static_shape(panel: Beam) -> Array:
     """Tip (3,) under the inertia of a transverse acceleration of 1 m/s2: ``-K^-1 m_fr``."""
-    shape: Array = -np.linalg.solve(panel.K, panel.S_y)
-    return shape
+    return np.asarray(-np.linalg.solve(panel.K, panel.S_y), dtype=np.float64)

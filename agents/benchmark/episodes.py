@@ -1,8 +1,8 @@
 """Episodes of a benchmark, run in parallel and kept one by one: what was finished is never lost nor run again.
 
-Each finished episode is a file, written whole by the worker that ran it, so that a dead worker or an interruption leaves
-only finished ones behind, and a second call runs what is missing. An episode depends on its seed alone, not on what ran
-before it or where.
+Each finished episode is a file, written whole by the worker that ran it, so that a dead worker or an interruption
+leaves only finished ones behind, and a second call runs what is missing. An episode depends on its seed alone, not on
+what ran before it or where.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
-
-from joblib import Parallel, delayed
 
 import baselines
 import sffr_gym
@@ -106,12 +104,12 @@ class Plan:
             "version": package_version("sffr-gym"),
             "code": code_hash(),
             "config_hash": self.params.hash(),
-            "scenarios": {name: suite_hash([load_scenario(name)], self.params) for name in self.scenarios},
+            "scenarios": {each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
         }
 
 
 def code_hash() -> str:
-    """First 16 hexadecimal digits of the SHA-256 of all that decides an episode: simulator, baselines, their settings."""
+    """Hash of all code and settings that decide an episode, 16 hexadecimal digits of the SHA-256."""
     folders = [Path(package.__file__ or "").parent for package in (sffr_gym, baselines)]
     files = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     files += sorted((config_dir() / "policies").glob("*.yaml"))
@@ -163,6 +161,8 @@ def run_episode(task: Task, params: Params) -> Result:
 
 def _finish(tasks: list[Task], params: Params, folder: Path, jobs: int) -> Iterator[Task]:
     """Run tasks in parallel, each kept by its worker, and name them as they are finished."""
+    from joblib import Parallel, delayed  # here, since it takes long to load and most commands do without
+
     workers = Parallel(n_jobs=jobs, return_as="generator_unordered")
     finished: Iterator[Task] = workers(delayed(_run_and_keep)(task, params, folder) for task in tasks)
     return finished

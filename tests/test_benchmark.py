@@ -1,0 +1,279 @@
+"""The benchmark: the same rows with any number of workers, nothing finished is lost, pages follow the episodes."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from agents.benchmark import commands, episodes
+from agents.benchmark.compare import common_episodes
+from agents.benchmark.episodes import PLAN, ROWS, Plan, run_episodes
+from agents.benchmark.page import read_leaderboard
+from agents.benchmark.pictures import PICTURES
+from agents.benchmark.run import BASELINES, run_benchmark
+from agents.benchmark.standings import standings
+from agents.evaluate import evaluate
+from agents.run_folder import read_episodes, write_run
+from agents.score import costs
+from baselines import POLICIES
+from baselines.settings import load_damping
+from sffr_gym import ConfigError, load_params
+from sffr_gym.scenario import scenario_names
+
+SEED = 1_000_000
+ROOT = Path(__file__).parents[1]
+SWINGING = "name: swinging\ndescription: Swings.\nduration: {}\npanel_modes: [{{mode: 1, amplitude: [0.05, 0.25]}}]\n"
+QUIET = "name: quiet\ndescription: Nothing is drawn.\nduration: 0.4\n"
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    """Two short scenarios, one of which draws nothing."""
+    folder = tmp_path_factory.mktemp("suite")
+    for name, text in (("swinging", SWINGING.format(0.4)), ("quiet", QUIET)):
+        (folder / f"{name}.yaml").write_text(text)
+    return tuple(str(folder / f"{name}.yaml") for name in ("swinging", "quiet"))
+
+
+@pytest.fixture(scope="module")
+def plan(suite):
+    return Plan(("hsc", "ahsc", "random"), suite, 3, SEED, load_params())
+
+
+@pytest.fixture(scope="module")
+def alone(plan, tmp_path_factory):
+    """All episodes, run one after the other in this process."""
+    return run_episodes(plan, tmp_path_factory.mktemp("alone"), jobs=1)
+
+
+def die_in_the_middle(task, params, folder):
+    """Stand in for a worker's job: one episode kills its worker."""
+    if (task.policy, task.seed) == ("ahsc", SEED + 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return episodes._run_and_keep(task, params, folder)
+
+
+def kept(folder):
+    """Finished episodes of a folder with the time of their writing."""
+    return {file: file.stat().st_mtime_ns for file in (folder / ROWS).rglob("*.json")}
+
+
+def test_plan_lists_every_episode_once(plan):
+    assert len(plan.tasks) == len(set(plan.tasks)) == 3 * 3 + 3
+    assert [task.seed for task in plan.tasks if task.policy == "hsc"] == [SEED, SEED + 1, SEED + 2, SEED]
+
+
+def test_the_same_rows_with_any_number_of_workers(plan, alone, tmp_path):
+    assert run_episodes(plan, tmp_path, jobs=2) == alone
+    assert [(r.scenario, r.policy, r.seed) for r in alone] == [
+        (Path(task.scenario).stem, task.policy, task.seed) for task in plan.tasks
+    ]
+
+
+def test_rows_are_those_of_an_evaluation(plan, alone, suite):
+    evaluation = evaluate(plan.policies, suite[0], 3, SEED)
+    assert [r for own in evaluation.results.values() for r in own] == [r for r in alone if r.scenario == "swinging"]
+
+
+def test_dead_worker_loses_nothing_that_was_finished(plan, alone, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(episodes, "_run_and_keep", die_in_the_middle)
+        with pytest.raises(ConfigError, match=r"worker process died .* with \d+ of 12 episodes finished") as error:
+            run_episodes(plan, tmp_path, jobs=2)
+    before = kept(tmp_path)
+    assert 0 < len(before) < 12 and f"with {len(before)} of 12" in str(error.value)
+    seen = []
+    assert run_episodes(plan, tmp_path, jobs=2, progress=lambda *report: seen.append(report)) == alone
+    assert {file: when for file, when in kept(tmp_path).items() if file in before} == before
+    assert seen[0][1:] == (len(before), 12) and seen[-1][1:] == (12, 12)
+
+
+def test_interrupted_run_goes_on(suite, tmp_path):
+    """An interrupt in the middle of the command leaves finished episodes alone, which the next call keeps."""
+    scenario = tmp_path / "long.yaml"
+    scenario.write_text(SWINGING.format(20.0))
+    arguments = ["benchmark", "hsc", "ahsc", "-s", str(scenario), "-n", "30", "-j", "2", "--no-figures"]
+    command = [sys.executable, "-m", "agents.cli", *arguments, "-o", str(tmp_path / "run")]
+    running = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while len(kept(tmp_path / "run")) < 4:
+        assert running.poll() is None
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGINT)
+    _, errors = running.communicate(timeout=60)
+    before = kept(tmp_path / "run")
+    assert running.returncode == 130 and "the same command goes on" in errors
+    assert 4 <= len(before) < 60 and not list((tmp_path / "run").glob("results.md"))
+    assert subprocess.run(command, cwd=ROOT, capture_output=True).returncode == 0
+    after = kept(tmp_path / "run")
+    assert len(after) == 60 and before.items() <= after.items()
+    fresh = Plan(("hsc", "ahsc"), (str(scenario),), 30, SEED, load_params())
+    assert read_episodes(tmp_path / "run") == run_episodes(fresh, tmp_path / "fresh", jobs=1)
+
+
+def test_more_of_everything_runs_what_is_missing(plan, alone, suite, tmp_path):
+    run_episodes(Plan(("hsc",), suite[:1], 2, SEED, plan.params), tmp_path, jobs=1)
+    before = kept(tmp_path)
+    assert run_episodes(plan, tmp_path, jobs=1) == alone
+    assert before.items() <= kept(tmp_path).items()
+
+
+def test_episodes_of_another_kind_are_not_mixed(plan, suite, tmp_path):
+    run_episodes(plan, tmp_path, jobs=1)
+    other = Plan(plan.policies, suite, 3, SEED, plan.params.with_overrides("panel.EI=25"))
+    with pytest.raises(ConfigError, match=r"another config_hash.*--overwrite"):
+        run_episodes(other, tmp_path, jobs=1)
+    held = json.loads((tmp_path / PLAN).read_text())
+    (tmp_path / PLAN).write_text(json.dumps(held | {"code": "of last week"}))
+    with pytest.raises(ConfigError, match="another code"):
+        run_episodes(plan, tmp_path, jobs=1)
+    before = kept(tmp_path)
+    run_episodes(plan, tmp_path, jobs=1, overwrite=True)
+    assert not before.items() & kept(tmp_path).items()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"policies": ("hsc", "hcs")}, "did you mean 'hsc'"),
+        ({"policies": ("hsc", "hsc")}, "given twice"),
+        ({"scenarios": ()}, "no scenario given"),
+        ({"scenarios": ("nominl",)}, "did you mean 'nominal'"),
+        ({"episodes": 0}, "at least 1"),
+        ({"seed": 999_999}, "evaluation seeds, from 1000000 up"),
+    ],
+)
+def test_faults_are_config_errors_that_help(changes, message):
+    whole = {"policies": ("ahsc",), "scenarios": ("nominal",), "episodes": 1, "seed": SEED, "params": load_params()}
+    with pytest.raises(ConfigError, match=message):
+        Plan(**whole | changes)
+
+
+def test_scenarios_of_one_name_are_refused(suite, tmp_path):
+    twin = tmp_path / "twin.yaml"
+    twin.write_text(QUIET)
+    with pytest.raises(ConfigError, match="two scenarios are named 'quiet'"):
+        Plan(("ahsc",), (suite[1], str(twin)), 1, SEED, load_params())
+
+
+def test_score_needs_ahsc(suite, tmp_path):
+    with pytest.raises(ConfigError, match="add it to the policies"):
+        run_benchmark(Plan(("hsc",), suite, 1, SEED, load_params()), tmp_path, 1, ["sffr"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_run_folder_and_pages(plan, alone, tmp_path):
+    command = ["sffr", "benchmark", "--docs", "my docs"]
+    table, written = run_benchmark(plan, tmp_path / "run", 1, command, docs=tmp_path / "docs")
+    assert all(file.stat().st_size > 0 for file in written)
+    assert read_episodes(tmp_path / "run") == alone
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert manifest["suite"] == plan.suite and manifest["command"] == "sffr benchmark --docs 'my docs'"
+    for folder in "run", "docs":
+        page = (tmp_path / folder / "results.md").read_text()
+        assert all((tmp_path / folder / "images" / name).is_file() and f"images/{name}" in page for name in PICTURES)
+        assert page.count("`sffr benchmark --docs 'my docs'`") == page.count("\n## ") + len(PICTURES)
+        assert plan.suite in page
+    board = read_leaderboard(tmp_path / "docs" / "leaderboard.json")
+    assert {entry["policy"] for entry in board} == set(plan.policies)
+    assert [entry["cost"] for entry in board] == sorted(entry["cost"] for entry in board)
+    for entry in board:
+        assert entry["suite"] == plan.suite and entry["version"]
+        assert entry["cost"] == pytest.approx(table.overall[entry["policy"]].cost.value, rel=1e-5)
+
+
+def test_compare_takes_what_runs_have_in_common(plan, alone, suite, tmp_path):
+    run_benchmark(plan, tmp_path / "all", 1, ["sffr"], draw=False)
+    write_run(tmp_path / "one", evaluate(["none", "hsc"], suite[0], 2, SEED), ["sffr"])
+    results = common_episodes([tmp_path / "all", tmp_path / "one"])
+    assert {(r.scenario, r.seed) for r in results} == {("swinging", SEED), ("swinging", SEED + 1)}
+    assert list(dict.fromkeys(r.policy for r in results)) == ["hsc", "ahsc", "random", "none"]
+    table = standings(results)
+    direct = evaluate(["none", "hsc", "ahsc"], suite[0], 2, SEED)
+    for policy, cost in costs(direct.results).items():
+        assert table.overall[policy].cost.value == pytest.approx(cost, rel=1e-12)
+
+
+def test_compare_tells_apart_what_differs(suite, tmp_path):
+    for name, gain in (("soft", 250), ("hard", 300)):
+        evaluation = evaluate(["hsc", "ahsc"], suite[0], 2, SEED, overrides=[f"control.Kd={gain}"])
+        write_run(tmp_path / name, evaluation, ["sffr"])
+    with pytest.raises(ConfigError, match=r"hard: scenario 'swinging' or its parameters are not those of .*soft"):
+        common_episodes([tmp_path / "soft", tmp_path / "hard"])
+    summary = json.loads((tmp_path / "soft" / "summary.json").read_text())
+    hard = json.loads((tmp_path / "hard" / "summary.json").read_text())
+    (tmp_path / "hard" / "summary.json").write_text(json.dumps(hard | {"scenario_hash": summary["scenario_hash"]}))
+    names = {r.policy for r in common_episodes([tmp_path / "soft", tmp_path / "hard"])}
+    assert names == {"hsc", "ahsc", "hsc@hard", "ahsc@hard"}
+
+
+def test_compare_refuses_what_is_no_run(tmp_path):
+    with pytest.raises(ConfigError, match="holds no finished run"):
+        common_episodes([tmp_path])
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+def test_standings_fit_the_terminal_uncut(alone, width):
+    console = Console(width=width, record=True, file=io.StringIO())
+    renamed = [replace(r, policy="ahsc-filtered") if r.policy == "hsc" else r for r in alone]
+    commands._print_standings(console, standings(renamed))
+    lines = console.export_text().splitlines()
+    assert max(map(len, lines)) <= width and not any("…" in line for line in lines)
+    assert sum(line.startswith(("ahsc-filtered ", "ahsc ", "random ")) for line in lines) == 3
+
+
+def test_baselines_and_suite_are_those_of_the_task():
+    assert set(BASELINES) == {"none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr"} <= set(POLICIES)
+    assert {"nominal", "excited", "offset", "fast", "payload", "mismatch", "noise", "degraded", "impulse"} == set(
+        scenario_names()
+    )
+
+
+def leaderboard():
+    return {entry["policy"]: entry for entry in read_leaderboard(ROOT / "docs" / "leaderboard.json")}
+
+
+def test_published_leaderboard_is_of_this_suite():
+    board = leaderboard()
+    entry = board["ahsc"]
+    plan = Plan(BASELINES, tuple(scenario_names()), entry["episodes"], entry["seed"], load_params())
+    assert set(BASELINES) <= set(board)
+    assert {entry["suite"] for entry in board.values()} == {plan.suite}
+    assert entry["cost"] == 1.0 == entry["typical_cost"]
+    assert set(entry["scenarios"]) == set(scenario_names())
+    page = (ROOT / "docs" / "results.md").read_text()
+    assert plan.suite in page and all(f"`{policy}`" in page for policy in board)
+
+
+def test_published_numbers_are_those_of_a_run_nominal(tmp_path):
+    check_published(("nominal",), BASELINES, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["excited", "mismatch", "noise"])
+def test_published_numbers_are_those_of_a_run(scenario, tmp_path):
+    check_published((scenario,), ("hsc", "ahsc", "lqr"), tmp_path)
+
+
+def check_published(scenarios, policies, folder):
+    """Run a part of the published suite again; another machine may differ in the last digits."""
+    board = leaderboard()
+    plan = Plan(policies, scenarios, board["ahsc"]["episodes"], board["ahsc"]["seed"], load_params())
+    table = standings(run_episodes(plan, folder, jobs=1))
+    for policy in policies:
+        for scenario in scenarios:
+            cost = table.single[scenario][policy].cost.value
+            assert cost == pytest.approx(board[policy]["scenarios"][scenario], rel=1e-4)
+
+
+def test_tuned_damping_beats_that_of_the_paper_where_it_was_tuned():
+    found = load_damping()
+    assert found.cost < found.hsc_cost
+    assert leaderboard()["hsc-tuned"]["scenarios"]["excited"] < leaderboard()["hsc"]["scenarios"]["excited"]

@@ -1,0 +1,158 @@
+"""The regulator: an optimum of the sampled panel, about the quasi-static shape, and a law that contains HSC."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from baselines import make_policy
+from baselines.policies import make_law
+from baselines.regulator import BENDING, optimal_gain, sampled_panel
+from baselines.rollout import rollout
+from baselines.settings import load_weights
+from sffr_gym.beam import beam
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.metrics import measure
+from sffr_gym.params import load_params
+
+PARAMS = load_params()
+EFFORT = 3.3e-3
+STATES = [1, 2, 4, 5]  # of the gain's columns: q5, q6 and their rates
+
+
+def panel():
+    """Mass and stiffness of q5 and q6, and the sampled step of [q5, q6, q5d, q6d]."""
+    shape = beam(PARAMS.panel.mass, PARAMS.panel.length, PARAMS.panel.EI, PARAMS.panel.E * PARAMS.panel.area, 1)
+    M, K = shape.M_ff[BENDING, BENDING], shape.K[BENDING, BENDING]
+    A, G = sampled_panel(M, PARAMS.panel.strain_rate_damping * K, K, PARAMS.control.period)
+    return M, K, A, G
+
+
+def cost(gain, starts):
+    """Energy and priced volts of a clamped panel over 60 s under a gain (2, 4), from starts (4, n)."""
+    M, K, A, G = panel()
+    volts = np.array([200.0 / 47.5] * 2)
+    Q, R = block_diag(K, M) / 2.0, EFFORT * np.diag(volts**2)
+    x, total = starts, 0.0
+    for _ in range(30_000):
+        u = -gain @ x
+        total += np.sum(x * (Q @ x)) + np.sum(u * (R @ u))
+        x = A @ x + G @ u
+    return total * PARAMS.control.period
+
+
+def observation(env, seed, still=False):
+    """An observation on the circle with made-up panel states, or with the panels at their quasi-static shape."""
+    rng, fields = np.random.default_rng(seed), env.fields
+    obs = env.reset(seed=seed)[0]
+    phase, speed, radius = rng.uniform(0.0, 2.0 * np.pi), PARAMS.path.speed, PARAMS.path.radius
+    along = np.array([np.cos(phase), np.sin(phase)])
+    push = np.array([-along[1], along[0]]) * speed**2 / radius
+    obs[fields["reference_velocity"].slice], obs[fields["reference_acceleration"].slice] = speed * along, push
+    obs[fields["elastic"].slice], obs[fields["elastic_rate"].slice] = 0.2 * rng.uniform(-1.0, 1.0, (2, 6))
+    if still:
+        shape = beam(9.0, 4.0, 20.0, 9.6e7, 1)
+        tip = -np.linalg.solve(shape.K, shape.S_y)
+        across = np.array([[-1.0, 0.0], [1.0, 0.0]])  # of the left and the right panel
+        turned = speed / radius * np.array([-push[1], push[0]])  # the acceleration turns with the path
+        obs[fields["elastic"].slice] = np.outer(across @ push, tip).ravel()
+        obs[fields["elastic_rate"].slice] = np.outer(across @ turned, tip).ravel()
+    return obs
+
+
+def test_sampled_panel_is_the_free_vibration():
+    """Without force a period turns each mode by its frequency; energy is lost by the material's damping alone."""
+    M, K, A, _ = panel()
+    frequencies = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    turned = np.abs(np.angle(np.linalg.eigvals(A))) / PARAMS.control.period
+    np.testing.assert_allclose(np.sort(turned)[::2], np.sort(frequencies), rtol=1e-6)
+    _, _, free, _ = (*panel()[:2], *sampled_panel(M, 0.0 * K, K, PARAMS.control.period))
+    energy = block_diag(K, M)
+    np.testing.assert_allclose(free.T @ energy @ free, energy, atol=1e-10)
+
+
+def test_held_force_gives_its_static_deflection():
+    """The fixed point of the step under a constant force is K^-1 tau."""
+    _, K, A, G = panel()
+    tau = np.array([0.3, -0.2])
+    rest = np.linalg.solve(np.eye(4) - A, G @ tau)
+    np.testing.assert_allclose(rest, [*np.linalg.solve(K, tau), 0.0, 0.0], atol=1e-9)
+
+
+def test_no_other_gain_costs_less():
+    """The cost rises whichever entry of the gain moves, and either way."""
+    best = optimal_gain(PARAMS, EFFORT)[1:, STATES]
+    starts = np.diag([0.1, 0.03, 0.1, 0.05])
+    least = cost(best, starts)
+    for entry in np.ndindex(best.shape):
+        for step in -0.02, 0.02:
+            other = best.copy()
+            other[entry] += step * np.abs(best).max()
+            assert cost(other, starts) > least
+
+
+def test_axial_coordinate_is_left_alone():
+    gain = optimal_gain(PARAMS, EFFORT)
+    assert not gain[0].any() and not gain[:, [0, 3]].any()
+    alone = optimal_gain(PARAMS.with_overrides("suppression.coordinates=[q6]"), EFFORT)
+    assert not alone[1].any() and alone[2].any()
+    assert not optimal_gain(PARAMS.with_overrides("suppression.coordinates=[q4]"), EFFORT).any()
+
+
+def test_dearer_effort_means_smaller_gains():
+    sizes = [np.abs(optimal_gain(PARAMS, EFFORT * factor)).sum() for factor in (0.1, 1.0, 10.0)]
+    assert sizes[0] > sizes[1] > sizes[2]
+    with pytest.raises(ValueError, match="effort_weight must be positive"):
+        optimal_gain(PARAMS, 0.0)
+
+
+def test_no_force_at_the_quasi_static_motion():
+    """Panels that follow the path's turning acceleration are left alone, whatever the phase of the path."""
+    env = SFFRFlexEnv()
+    policy = make_policy("lqr", env)
+    for seed in range(5):
+        forces = policy(observation(env, seed, still=True))[:6]
+        np.testing.assert_allclose(forces, 0.0, atol=1e-12)
+        assert np.abs(policy(observation(env, seed))[:6]).max() > 1e-3
+
+
+def test_forces_follow_the_gain():
+    """tau = -G (x - x_qs) on each panel by itself; the shape is that of a clamped panel under its root's push."""
+    env = SFFRFlexEnv()
+    policy, fields = make_policy("lqr", env), env.fields
+    moved, rest = observation(env, 3), observation(env, 3, still=True)
+    gain, gap = optimal_gain(PARAMS, load_weights().effort), moved - rest
+    x, xd = (gap[fields[name].slice].reshape(2, 3) for name in ("elastic", "elastic_rate"))
+    wanted = -np.hstack([x, xd]) @ gain.T
+    np.testing.assert_allclose(policy(moved)[:6].reshape(2, 3) * 47.5, wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_hsc_is_the_gain_of_pure_damping():
+    """With a gain of B0 on the rates and no quasi-static shape, the regulator's forces are HSC's."""
+    env = SFFRFlexEnv()
+    hsc, lqr = make_policy("hsc", env), make_policy("lqr", env)
+    gain = np.zeros((3, 6))
+    gain[:, 3:] = np.diag(hsc.law.suppression.B0 * hsc.law.suppression.damped)
+    lqr.law = lqr.law._replace(regulator=lqr.law.regulator._replace(gain=gain, shape=np.zeros(3)))
+    for seed in range(3):
+        obs = observation(env, seed)
+        np.testing.assert_allclose(lqr(obs), hsc(obs), rtol=1e-12, atol=1e-15)
+
+
+def test_paper_laws_have_none():
+    for name in "none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned":
+        assert make_policy(name, PARAMS).law.regulator.active == 0.0
+    law = make_law(PARAMS, active=True, adaptive=False, effort_weight=EFFORT)
+    assert law.regulator.active == 1.0
+
+
+@pytest.mark.slow
+def test_lqr_vibrates_far_less_than_ahsc():
+    """On the whole robot, over a full circle."""
+    env = SFFRFlexEnv("excited")
+    means = {}
+    for name in "ahsc", "lqr":
+        trajectory = rollout(env, make_policy(name, env), 3)
+        means[name] = measure(trajectory.signals, trajectory.period, trajectory.failure)
+    assert not means["lqr"]["failed"]
+    assert means["lqr"]["vibration"] < 0.7 * means["ahsc"]["vibration"]
+    assert means["lqr"]["track_rmse"] < 1.1 * means["ahsc"]["track_rmse"]

@@ -1,0 +1,78 @@
+"""The tuning of HSC: what it minimises, what it refuses, and the settings that it writes."""
+
+import pytest
+
+from agents.benchmark.tuning import Tuning, tune_hsc, write_damping
+from agents.evaluate import evaluate
+from agents.score import costs
+from baselines import make_policy
+from baselines.settings import Damping, load_damping
+from sffr_gym import ConfigError, config, load_params
+
+SHORT = "name: short\ndescription: Swings.\nduration: 2.0\npanel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]\n"
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
+    file.write_text(SHORT)
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def found(scenario):
+    """A short search, and every pair that it tried."""
+    tried = []
+    tuning = tune_hsc(load_params(), scenario, 2, 5, 9, lambda *report: tried.append(report))
+    return tuning, tried
+
+
+def test_best_pair_of_all_is_kept(found):
+    tuning, tried = found
+    assert tried[0][:2] == pytest.approx((1.5, 5.0)) and tried[0][2] == tuning.hsc_cost
+    assert tuning.evaluations == len(tried) - 2  # the rounded best and B0 are run again in the end
+    assert tuning.cost < tuning.hsc_cost
+    assert tuning.cost == pytest.approx(min(cost for _, _, cost in tried), rel=1e-4)
+
+
+def test_cost_is_that_of_an_evaluation(found, scenario):
+    """The same episodes under HSC with the damping found as its B0, beside AHSC with the paper's."""
+    tuning, _ = found
+    own = evaluate(["hsc"], scenario, 2, 5, overrides=[f"suppression.B0=[3500, {tuning.q5}, {tuning.q6}]"])
+    reference = evaluate(["ahsc"], scenario, 2, 5)
+    both = {"hsc": own.results["hsc"], "ahsc": reference.results["ahsc"]}
+    assert tuning.cost == costs(both)["hsc"]
+
+
+def test_search_repeats(found, scenario):
+    assert tune_hsc(load_params(), scenario, 2, 5, 9) == found[0]
+
+
+@pytest.mark.parametrize("seeds", [(999_999, 2), (1_000_000, 1), (-1, 3), (0, 0)])
+def test_evaluation_seeds_are_refused(seeds, scenario):
+    seed, episodes = seeds
+    with pytest.raises(ConfigError, match="training takes at least one, from 0 to 999999"):
+        tune_hsc(load_params(), scenario, episodes, seed)
+
+
+def test_zero_damping_is_no_start(scenario):
+    with pytest.raises(ConfigError, match="must be positive to start from"):
+        tune_hsc(load_params().with_overrides("suppression.B0=[1, 0, 1]"), scenario)
+
+
+def test_written_settings_are_read_back(tmp_path):
+    tuning = Tuning(1.25, 4.5, 0.91234, 1.0, 40)
+    file = write_damping(tmp_path / "tuned.yaml", tuning, "sffr tune-hsc --episodes 3")
+    data, where = config.read_mapping(file)
+    damping = config.build(Damping, data, where)
+    assert (damping.q5, damping.q6, damping.cost, damping.hsc_cost) == (1.25, 4.5, 0.91234, 1.0)
+    assert damping.command == "sffr tune-hsc --episodes 3" and "tried 40 pairs" in file.read_text()
+
+
+def test_policy_has_the_tuned_damping():
+    """On q5 and q6, panel by panel; q4 keeps that of the parameters."""
+    found = load_damping()
+    params = load_params().with_overrides("suppression.coordinates=all", "control.period=5.0e-4")
+    policy = make_policy("hsc-tuned", params)
+    assert policy.initial_damping().tolist() == [[3500.0, found.q5, found.q6]] * 2
+    assert not policy.law.suppression.Gamma.any()
