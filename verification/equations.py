@@ -12,7 +12,7 @@ import numpy as np
 import sympy as sp
 
 from sffr_gym import monolithic
-from sffr_gym.beam import N_TIP, beam
+from sffr_gym.beam import N_TIP, beam, shape_functions
 from sffr_gym.params import load_params
 from verification.check import Check, judge
 from verification.panel_symbols import assembled, clamped, vanishes
@@ -28,6 +28,7 @@ def checks(quick: bool) -> list[partial[Check]]:
         partial(stiffness),
         partial(velocity_vector),
         partial(base_force),
+        partial(shape_derivatives),
         partial(arrays, states=20 if quick else 200),
     ]
 
@@ -147,6 +148,20 @@ def arrays(states: int, seed: int = 0) -> Check:
     return judge(
         "Eqs. 45, 47, 48 as computed, 1 to 5 elements", "SymPy's element, summed, at random states", worst, 1.0e-12, "",
         f"{states} states each; relative to the largest entry of each block. Rounding alone.",
+    )  # fmt: skip
+
+
+def shape_derivatives() -> Check:
+    """Derivatives of Eq. 44 as computed, which strain and the piezo patches need, by complex steps."""
+    tiny, length, worst = 1.0e-30, 0.7, 0.0
+    for xi in np.linspace(0.0, 1.0, 11):
+        U, W, dU, dW, d2W = shape_functions(xi, length)
+        stepped = shape_functions(xi + 1j * tiny, length)  # type: ignore[arg-type] # polynomials take complex numbers
+        U_x, W_x, _, W_xx, _ = (each.imag / tiny / length for each in stepped)
+        worst = max(worst, *(np.abs(a - b).max() for a, b in ((dU, U_x), (dW, W_x), (d2W, W_xx))))
+    return judge(
+        "Eq. 44, dU/dx, dW/dx and d2W/dx2 as computed", "complex steps of U, W and dW/dx", worst, 1.0e-12, "",
+        f"Eleven places of an element of {length:g} m. Rounding alone.",
     )  # fmt: skip
 
 
