@@ -12,14 +12,8 @@ import numpy as np
 
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
-<<<<<<< HEAD
 from sffr_gym.episode import Episode, draw, nominal
-from sffr_gym.fleet import make_fleet, put_robot
-=======
-from sffr_gym.episode import Episode, draw
 from sffr_gym.fleet import make_fleet
-from sffr_gym.observation import observation_fields
->>>>>>> 0dae6ea59e704d45ec86718fb3952881d2186967
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import load_scenario

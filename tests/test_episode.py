@@ -8,12 +8,8 @@ import yaml
 
 from sffr_gym import ConfigError, Simulator, load_params
 from sffr_gym.config import config_dir, merge
-<<<<<<< HEAD
-from sffr_gym.episode import draw, nominal
-=======
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw
->>>>>>> 0dae6ea59e704d45ec86718fb3952881d2186967
+from sffr_gym.episode import draw, nominal
 from sffr_gym.model import pack
 from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.observation import observation_fields

@@ -155,8 +155,8 @@ def shape_derivatives() -> Check:
     """Derivatives of Eq. 44 as computed, which strain and the piezo patches need, by complex steps."""
     tiny, length, worst = 1.0e-30, 0.7, 0.0
     for xi in np.linspace(0.0, 1.0, 11):
-        U, W, dU, dW, d2W = shape_functions(xi, length)
-        stepped = shape_functions(xi + 1j * tiny, length)  # type: ignore[arg-type] # polynomials take complex numbers
+        dU, dW, d2W = shape_functions(xi, length)[2:]
+        stepped = shape_functions(xi + 1j * tiny, length)  # polynomials
         U_x, W_x, _, W_xx, _ = (each.imag / tiny / length for each in stepped)
         worst = max(worst, *(np.abs(a - b).max() for a, b in ((dU, U_x), (dW, W_x), (d2W, W_xx))))
     return judge(
