@@ -18,7 +18,17 @@ from sffr_gym.fleet import Fleet, robot_at
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import MOST_IMPULSES
-from sffr_gym.task import N_SIGNALS, NOT_FINITE, REWARDS, Robot, control_period, make_buffers, reward_terms, view
+from sffr_gym.task import (
+    N_SIGNALS,
+    NOT_FINITE,
+    REWARDS,
+    Robot,
+    control_period,
+    make_buffers,
+    period_cost,
+    reward_terms,
+    view,
+)
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 NEVER = -1  # control period of a blow that does not come
@@ -35,7 +45,7 @@ class Batch(NamedTuple):
         wrench: (n, 3) force of the surroundings on the base, base axes.
         level: (n, n_o), key, delay: (n,) of each :class:`disturbances.Sensing`.
         impulse_tick: (n, MOST_IMPULSES), impulse: (n, MOST_IMPULSES, 3) of each :class:`disturbances.Impulses`.
-        obs, reward, terms, signals: what the last period gave.
+        obs, reward, terms, signals, cost: what the last period gave.
         applied: (n, n_u) commands after the limits.
         clipped: (n,) how many entries of the last action lay beyond [-1, 1].
         status: (n,) why an episode ended; see ``task``.
@@ -56,6 +66,7 @@ class Batch(NamedTuple):
     reward: Array
     terms: Array
     signals: Array
+    cost: Array
     applied: Array
     clipped: IntArray
     status: IntArray
@@ -70,8 +81,8 @@ def make_batch(robot: Robot, n: int) -> Batch:
         wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)), key=np.zeros(n, dtype=np.int64),
         delay=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
         impulse=np.zeros((n, MOST_IMPULSES, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n),
-        terms=np.zeros((n, len(REWARDS))), signals=np.zeros((n, N_SIGNALS)), applied=np.zeros((n, n_u)),
-        clipped=np.zeros(n, dtype=np.int64), status=np.zeros(n, dtype=np.int64),
+        terms=np.zeros((n, len(REWARDS))), signals=np.zeros((n, N_SIGNALS)), cost=np.zeros(n),
+        applied=np.zeros((n, n_u)), clipped=np.zeros(n, dtype=np.int64), status=np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -152,6 +163,7 @@ def step_range(fleet, batch, actions, active, first, last):
             )  # fmt: skip
         assign(batch.applied[i], buffers.applied)
         batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
+        batch.cost[i] = period_cost(batch.signals[i], batch.status[i])
 
 
 @functools.cache

@@ -13,13 +13,13 @@ import numpy as np
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode, draw
-from sffr_gym.fleet import make_fleet, put_robot
+from sffr_gym.fleet import make_fleet
 from sffr_gym.observation import observation_fields
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import load_scenario
 from sffr_gym.simulator import Simulator, State
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, episode_robot, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
@@ -221,8 +221,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _take(self, episode: Episode) -> None:
         """Make an episode and its plant this one's."""
-        self._episode, self.robot = episode, episode_robot(self._believed, episode)
-        put_robot(self._fleet, 0, self.robot)
+        self._episode = episode
+        self.robot = episode_robot(self._believed, episode)
+        self._fleet = make_fleet(self.robot)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
@@ -230,7 +231,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
         info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
         info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": REASONS[int(batch.status[0])]}
-        info["cost"] = float(cost(batch.signals[0], batch.status[0]))
+        info["cost"] = float(batch.cost[0])
         return info | {"applied": batch.applied[0].copy(), "drawn": dict(self.episode.drawn)}
 
 

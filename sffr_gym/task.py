@@ -6,7 +6,7 @@ Pure functions of the state; one source for the single environment, the batch an
 from __future__ import annotations
 
 from math import cos, hypot, isfinite, sin
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -177,15 +177,11 @@ def reward_terms(robot, signals, terms):
     return terms[0] + terms[1] + terms[2]
 
 
-def cost(signals: Array, status: Any) -> Any:
-    """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0.
-
-    Args:
-        signals: (..., N_SIGNALS) of the period.
-        status: (...) of its end.
-    """
-    saturated = signals[..., [SAT_PIEZO, SAT_THRUST, SAT_JOINT]].any(axis=-1)
-    return (saturated | (status != RUNNING)).astype(np.float64)
+@kernel(inline=True)
+def period_cost(signals, status):
+    """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0."""
+    saturated = signals[SAT_PIEZO] > 0.0 or signals[SAT_THRUST] > 0.0 or signals[SAT_JOINT] > 0.0
+    return 1.0 if saturated or status != RUNNING else 0.0
 
 
 @kernel(inline=True)

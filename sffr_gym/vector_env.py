@@ -19,7 +19,7 @@ from sffr_gym.episode import draw
 from sffr_gym.fleet import make_fleet, put_robot
 from sffr_gym.observation import observation_fields
 from sffr_gym.scenario import load_scenario
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, cost, episode_robot, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 Mask = np.ndarray
 Infos = dict[str, Any]
@@ -186,7 +186,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "clipped": batch.clipped.copy(),
             "failure": _TEXTS[batch.status],
         }
-        infos |= {"cost": cost(batch.signals, batch.status), "applied": batch.applied.copy()}
+        infos |= {"cost": batch.cost.copy(), "applied": batch.applied.copy()}
         infos = _masked(infos, mask)
         drawn: Infos = {}
         for name, (values, has) in self._drawn.items():

@@ -8,11 +8,14 @@ import yaml
 
 from sffr_gym import ConfigError, Simulator, load_params
 from sffr_gym.config import config_dir, merge
+from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw
 from sffr_gym.model import pack
 from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.observation import observation_fields
 from sffr_gym.scenario import Scenario, load_scenario, scenario_names, suite_hash
+from sffr_gym.task import SIGNALS
+from sffr_gym.vector_env import SFFRFlexVectorEnv
 
 SEEDS = range(60)
 SHIPPED = ["degraded", "excited", "fast", "impulse", "mismatch", "noise", "nominal", "offset", "payload"]
@@ -223,6 +226,84 @@ def test_everything_can_be_drawn_at_once(params):
     assert set(episode.drawn) == names
     random = [value for value in episode.drawn.values() if value not in (0.0, 0.5, 1.0)]
     assert len(set(random)) == len(random)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return a function that writes a user's scenario and returns its path."""
+
+    def write(**keys):
+        path = tmp_path / "mine.yaml"
+        path.write_text(yaml.safe_dump({"name": "mine", "description": "a test's"} | keys), encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def test_the_plant_is_simulated_as_a_robot_of_its_parameters(file):
+    """States, observation, reward and measures are those of an environment whose parameters are the plant's."""
+    double = [2.0, 2.0]
+    env = SFFRFlexEnv(file(plant={"EI": double, "panel_mass": double, "link_mass": double, "object": double}))
+    masses = [f"{{mass: {2 * mass}, inertia: 1.0, length: 1.0, com: 0.5}}" for mass in (4, 3)]
+    changes = ["panel.EI=40", "panel.mass=18", "object.mass=6", "object.inertia=1.0"]
+    changes += [f"arms.{arm}.links=[{', '.join(masses)}]" for arm in (0, 1)]
+    changes += ["arms.2.links.0.mass=6", "arms.2.links.0.inertia=0.2", "arms.3.links.0.mass=4"]
+    changes += ["arms.3.links.0.inertia=0.1", f"panel.axial_cut={1e4 * math.sqrt(0.5)!r}"]
+    same, other = SFFRFlexEnv(overrides=changes), SFFRFlexEnv()
+    assert env.reset(seed=0)[1]["drawn"] and env.plant == same.params
+    outputs = [[each.reset(seed=0)[0] for each in (env, same, other)]]
+    for action in np.random.default_rng(1).uniform(-0.1, 0.1, (30, 15)):
+        steps = [each.step(action) for each in (env, same, other)]
+        assert steps[0][1] == steps[1][1] != steps[2][1]
+        for name in (*SIGNALS, "failure", "cost"):
+            assert steps[0][4][name] == steps[1][4][name]
+        outputs.append([step[0] for step in steps])
+    ours, theirs, nominal = np.swapaxes(outputs, 0, 1)
+    np.testing.assert_array_equal(ours, theirs)
+    assert (ours != nominal).any()
+
+
+@pytest.mark.parametrize(
+    ("fault", "lost"),
+    [("piezo", [slice(0, 3), slice(3, 6)]), ("thruster", [slice(6, 9)]), ("joint", [slice(9, 15)])],
+)
+@pytest.mark.parametrize("remaining", [0.0, 0.5])
+def test_a_fault_cuts_off_what_is_lost_of_the_limit(file, fault, lost, remaining):
+    """An action asks for the same force as ever; what the fault leaves of the limit bounds it, and a dead one is 0."""
+    env = SFFRFlexEnv(file(faults=[{"actuators": fault, "remaining": remaining}]))
+    limit = SFFRFlexEnv().robot.actuators.limit
+    hit = set()
+    for seed in range(8):
+        env.reset(seed=seed)
+        *_, info = env.step(np.full(15, 0.4))
+        applied = info["applied"] / limit
+        weak = [k for k, places in enumerate(lost) if (applied[places] != 0.4).any()]
+        hit |= set(weak)
+        env.reset(seed=seed)
+        *_, full = env.step(np.ones(15))
+        expected = np.ones(15)
+        expected[lost[weak[0] if weak else 0]] = remaining
+        if remaining == 0.0 or len(lost) == 1:
+            np.testing.assert_array_equal(full["applied"] / limit, expected)
+        groups = {"piezo": slice(0, 6), "thruster": slice(6, 9), "joint": slice(9, 15)}
+        for name, places in groups.items():  # what is dead does not saturate
+            assert full[f"{name}_saturated"] == pytest.approx((full["applied"][places] != 0.0).mean())
+    assert hit == (set(range(len(lost))) if remaining == 0.0 else set())
+
+
+def test_a_plant_may_need_other_steps():
+    """A lighter panel needs shorter steps of the classical integrator: alone it gets them, a batch says it cannot."""
+    overrides = ["simulation.integrator=rk4"]
+    env = SFFRFlexEnv("mismatch", overrides=overrides)
+    batch = SFFRFlexVectorEnv(20, scenario="mismatch", overrides=overrides)
+    steps = set()
+    for seed in range(20):
+        env.reset(seed=seed)
+        env.step(np.zeros(15))
+        steps.add(env.robot.steps)
+    assert len(steps) > 1
+    with pytest.raises(ValueError, match="steps in a control period"):
+        batch.reset(seed=0)
 
 
 def leaves(tree, prefix=()):
