@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.benchmark.standings import Standings
+from agents.evaluate import number
 from agents.figures import DPI, STYLE, colours_of
 from agents.run_folder import write_whole
 from agents.score import REFERENCE
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 PICTURES = ("benchmark-intervals.png", "benchmark-profiles.png", "benchmark-differences.png")
 COLUMNS = 5  # of the grid of scenarios
+EDGE = 1.25  # cost beyond which an interquartile mean is written instead of drawn
 RESAMPLES = 500  # of the profiles
 NEAR = 1.6  # cost up to which they are shown at large
 
@@ -48,7 +50,10 @@ def save_pictures(folder: Path, table: Standings) -> list[Path]:
 
 
 def intervals(table: Standings) -> Figure:
-    """Interquartile means of the episodes' costs with their intervals, over the suite and in each scenario."""
+    """Interquartile means of the episodes' costs with their intervals, over the suite and in each scenario.
+
+    Costs far above AHSC's are written at the edge, so that the others can be told apart.
+    """
     from matplotlib.figure import Figure
 
     groups = {"all scenarios": table.overall} | (table.single if len(table.scenarios) > 1 else {})
@@ -62,12 +67,16 @@ def intervals(table: Standings) -> Figure:
         axes.set_title(title, fontweight="bold" if title == "all scenarios" else "normal")
         axes.axvline(1.0, color="#555555", linewidth=0.8, zorder=1.0)
         for row, policy in enumerate(table.policies):
-            _bar(axes, row, scores[policy].typical, colours[policy])
+            if scores[policy].typical.value <= EDGE:
+                _bar(axes, row, scores[policy].typical, colours[policy])
+            else:
+                text = f"{number(scores[policy].typical.value)} →"
+                axes.text(EDGE, row, text, color=colours[policy], ha="right", va="center", fontsize=8)
     for axes in grid.flat[len(groups) :]:
         axes.set_visible(False)
     grid[0, 0].set_yticks(range(len(table.policies)), table.policies)
     grid[0, 0].set_ylim(len(table.policies) - 0.5, -0.5)
-    _cost_axis(grid[0, 0])
+    grid[0, 0].set_xlim(right=EDGE)
     figure.supxlabel("cost of an episode relative to AHSC's: interquartile mean, 95 % interval", fontsize=9)
     return figure
 
