@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import baselines
 import sffr_gym
-from agents.evaluate import EVALUATION_SEED, result_of
+from agents.evaluate import EVALUATION_SEED, result_of, with_right_models
 from agents.run_folder import package_version, to_json, write_whole
 from agents.score import Result
 from baselines import make_policy
@@ -90,11 +90,11 @@ class Plan:
 
     @functools.cached_property
     def tasks(self) -> tuple[Task, ...]:
-        """Every episode, in the order of the tables."""
+        """Every episode, in the order of the tables; where a plant differs, also under the laws that know it."""
         return tuple(
             Task(scenario, policy, self.seed + i)
             for scenario in self.scenarios
-            for policy in self.policies
+            for policy in with_right_models(self.policies, load_scenario(scenario))
             for i in range(self.episodes if _draws(scenario, self.params) else 1)
         )
 

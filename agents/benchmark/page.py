@@ -7,13 +7,16 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents.benchmark.episodes import Plan
 from agents.benchmark.pictures import PICTURES, save_pictures
-from agents.benchmark.standings import Standings
+from agents.benchmark.standings import Standings, by_scenario
 from agents.evaluate import number
 from agents.run_folder import package_version, to_json, write_whole
 from agents.score import REFERENCE, WEIGHTS, Result
 from agents.statistics import Estimate
+from baselines.policies import ORACLES
 from baselines.settings import load_damping
 
 PAGE, LEADERBOARD, IMAGES = "results.md", "leaderboard.json", "images"
@@ -104,6 +107,13 @@ def page(plan: Plan, results: Sequence[Result], table: Standings, command: str, 
     for name, caption in zip(PICTURES if pictures else (), CAPTIONS, strict=False):
         parts += [f"![{caption}]({IMAGES}/{name})", f"{caption}. `{command}`"]
     parts += ["## Measures", *_measures(table), f"Ratios of means over the episodes to AHSC's. `{command}`"]
+    if models := _right_models(results):
+        parts += [
+            "## With the right model",
+            models,
+            "Object position error, mean of the episodes' root mean squares [um]: the law that believes in the nominal "
+            f"robot, and its oracle that is told each episode's plant. `{command}`",
+        ]
     if failures := _failures(results):
         parts += ["## Failed episodes", failures, f"Each counts as ten times AHSC's. `{command}`"]
     if "hsc-tuned" in table.policies:
@@ -151,6 +161,17 @@ def _measures(table: Standings) -> list[str]:
         parts.append(f"`{name}`, weight {weight:.2f}:")
         parts.append(markdown_table(["scenario", *(f"`{policy}`" for policy in order)], rows))
     return parts
+
+
+def _right_models(results: Sequence[Result]) -> str:
+    """Tracking of each law beside that of its oracle, wherever the oracle ran."""
+    rows = []
+    for scenario, group in by_scenario(results).items():
+        for policy, oracle in ORACLES.items():
+            if policy in group and oracle in group:
+                errors = [1.0e6 * np.mean([r.measures["track_rmse"] for r in group[name]]) for name in (policy, oracle)]
+                rows.append([f"{scenario}, `{policy}`", *map(number, map(float, errors))])
+    return markdown_table(["scenario, policy", "wrong model", "right model"], rows) if rows else ""
 
 
 def _failures(results: Sequence[Result]) -> str:

@@ -52,7 +52,7 @@ def run_benchmark(
         raise ConfigError(f"scores are relative to {REFERENCE!r}: add it to the policies")
     started, clock = datetime.now(UTC), time.perf_counter()
     results = run_episodes(plan, folder, jobs, overwrite, progress)
-    table = standings(results)
+    table = standings([result for result in results if result.policy in plan.policies])
     facts = origin(command, started, time.perf_counter() - clock) | {
         "jobs": jobs,
         "policies": list(plan.policies),
