@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 from agents.benchmark import commands, episodes
 from agents.benchmark.compare import common_episodes
@@ -20,6 +21,7 @@ from agents.benchmark.page import read_leaderboard
 from agents.benchmark.pictures import PICTURES
 from agents.benchmark.run import BASELINES, run_benchmark
 from agents.benchmark.standings import standings
+from agents.cli import app
 from agents.evaluate import evaluate
 from agents.run_folder import read_episodes, write_run
 from agents.score import costs
@@ -212,6 +214,19 @@ def test_compare_tells_apart_what_differs(suite, tmp_path):
     (tmp_path / "hard" / "summary.json").write_text(json.dumps(hard | {"scenario_hash": summary["scenario_hash"]}))
     names = {r.policy for r in common_episodes([tmp_path / "soft", tmp_path / "hard"])}
     assert names == {"hsc", "ahsc", "hsc@hard", "ahsc@hard"}
+
+
+def test_commands_from_end_to_end(suite, tmp_path):
+    out, options = str(tmp_path / "run"), ["-n", "2", "-j", "1", "--no-figures"]
+    for policies in ["ahsc"], ["ahsc", "hsc"]:
+        done = CliRunner().invoke(app, ["benchmark", *policies, *options, "-s", suite[0], "--out", out])
+        assert done.exit_code == 0, done.output
+        assert all(policy in done.output for policy in policies)
+    compared = CliRunner().invoke(app, ["compare", out])
+    assert compared.exit_code == 0 and "2 common episodes of swinging" in compared.output
+    assert done.output.splitlines()[:4] == compared.output.splitlines()[:4]
+    refused = CliRunner().invoke(app, ["compare", str(tmp_path)])
+    assert refused.exit_code == 2 and "holds no finished run" in refused.stderr
 
 
 def test_compare_refuses_what_is_no_run(tmp_path):

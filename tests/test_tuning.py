@@ -1,8 +1,10 @@
 """The tuning of HSC: what it minimises, what it refuses, and the settings that it writes."""
 
 import pytest
+from typer.testing import CliRunner
 
 from agents.benchmark.tuning import Tuning, tune_hsc, write_damping
+from agents.cli import app
 from agents.evaluate import evaluate
 from agents.score import costs
 from baselines import make_policy
@@ -76,3 +78,22 @@ def test_policy_has_the_tuned_damping():
     policy = make_policy("hsc-tuned", params)
     assert policy.initial_damping().tolist() == [[3500.0, found.q5, found.q6]] * 2
     assert not policy.law.suppression.Gamma.any()
+
+
+def test_command_writes_its_settings(scenario, tmp_path):
+    file = tmp_path / "tuned.yaml"
+    arguments = ["tune-hsc", "-s", scenario, "-n", "1", "--evaluations", "4", "--out", str(file)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    data, where = config.read_mapping(file)
+    found = config.build(Damping, data, where)
+    assert f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad" in done.output
+
+
+def test_command_says_what_is_wrong(tmp_path):
+    for arguments, message in (
+        (["--seed", "1000000"], "training takes at least one"),
+        (["--out", str(tmp_path / "nowhere" / "file.yaml")], "its folder does not exist"),
+    ):
+        done = CliRunner().invoke(app, ["tune-hsc", *arguments])
+        assert done.exit_code == 2 and message in done.stderr
