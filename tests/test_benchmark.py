@@ -224,7 +224,7 @@ def test_commands_from_end_to_end(suite, tmp_path):
         assert all(policy in done.output for policy in policies)
     compared = CliRunner().invoke(app, ["compare", out])
     assert compared.exit_code == 0 and "2 common episodes of swinging" in compared.output
-    assert done.output.splitlines()[:4] == compared.output.splitlines()[:4]
+    assert done.stdout.splitlines()[:4] == compared.stdout.splitlines()[:4]  # notes go to stderr
     refused = CliRunner().invoke(app, ["compare", str(tmp_path)])
     assert refused.exit_code == 2 and "holds no finished run" in refused.stderr
 
