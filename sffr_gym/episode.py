@@ -127,10 +127,10 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
 
 def noise_level(sensors: Sensors, fields: dict[str, Field]) -> Array:
     """Standard deviation (n_o,) of each number of the observation, by its unit; the reference is not measured."""
-    levels = [
-        getattr(sensors, _KINDS[unit]) if field.measured else 0.0 for field in fields.values() for unit in field.units
-    ]
-    return np.array(levels)
+    level = {unit: getattr(sensors, kind) for unit, kind in _KINDS.items()}
+    if not any(level.values()):  # most scenarios, and looking at every number would take half of a draw
+        return np.zeros(sum(field.size for field in fields.values()))
+    return np.array([level[unit] * field.measured for field in fields.values() for unit in field.units])
 
 
 def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, drawn: Drawn) -> Params:
