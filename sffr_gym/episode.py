@@ -130,7 +130,7 @@ def noise_level(sensors: Sensors, fields: dict[str, Field]) -> Array:
     level = {unit: getattr(sensors, kind) for unit, kind in _KINDS.items()}
     if not any(level.values()):  # most scenarios, and looking at every number would take half of a draw
         return np.zeros(sum(field.size for field in fields.values()))
-    return np.array([level[unit] * field.measured for field in fields.values() for unit in field.units])
+    return np.array([level[unit] if each.measured else 0.0 for each in fields.values() for unit in each.units])
 
 
 def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, drawn: Drawn) -> Params:
