@@ -12,22 +12,23 @@ force
 
 from __future__ import annotations
 
-from math import cos, sin
-
 from sffr_gym._jit import kernel
+from sffr_gym.angles import cos_sin_near
 from sffr_gym.model import N_BASE
 
 
 @kernel(inline=True)
-def link_directions(model, p, v, work):
-    """Fill the direction (cosine, sine) of each link in base axes and its squared absolute angular velocity."""
+def link_directions(model, p, v, work, anew):
+    """Fill the direction (cosine, sine) of each link in base axes and its absolute angular velocity.
+
+    anew: compute them alone, instead of from those of the last time that was anew; see :mod:`angles`.
+    """
     for arm in range(len(model.arm_first) - 1):
         angle, rate = model.arm_mount[arm, 2], v[2]
         for k in range(model.arm_first[arm], model.arm_first[arm + 1]):
             angle += p[N_BASE + k]
             rate += v[N_BASE + k]
-            work.c[k] = cos(angle)
-            work.s[k] = sin(angle)
+            work.c[k], work.s[k] = cos_sin_near(work.anchor[k], angle, anew)
             work.rate[k] = rate
 
 

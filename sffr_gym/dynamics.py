@@ -12,13 +12,13 @@ All inner vectors are in base axes; positions, velocities and the result are ine
 
 from __future__ import annotations
 
-from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from sffr_gym import arms, panel
 from sffr_gym._jit import kernel
+from sffr_gym.angles import cos_sin_near
 from sffr_gym.beam import Array
 from sffr_gym.grasp import couple_object, solve_object
 from sffr_gym.linalg import symmetric_inverse, times
@@ -42,6 +42,7 @@ class Work(NamedTuple):
     acceleration: Array  # (6,) base and object accelerations, base axes
     heading: Array  # (2,) cosine and sine of the yaw
     column: Array  # (3,) right-hand side of the base
+    anchor: Array  # (n_l + 2, 3) angle, cosine and sine at the start of a step: links, yaw, object relative to the base
     held: Array  # (3,) Q_flex of the start of a step, under the staggered coupling
 
 
@@ -55,27 +56,30 @@ def workspace(model):
         elastic=np.zeros((n_p, 2, n_m)), root=np.zeros((n_p, 8)), grasp=np.zeros((n_g, 15)),
         base_inv=np.zeros((3, 3)), object_inv=np.zeros((3, 3)), cross=np.zeros((3, 3)),
         acceleration=np.zeros(6), heading=np.zeros(2), column=np.zeros(3), held=np.zeros(3),
+        anchor=np.zeros((n_l + 2, 3)),
     )  # fmt: skip
 
 
 @kernel(inline=True)
-def accelerations(model, p, v, tau, work, out, held=False):
+def accelerations(model, p, v, tau, work, out, held=False, anew=True):
     """Solve the equations of motion.
 
     p, v: (n,) positions and velocities; see ``model``.
     tau: (n,) generalised forces: base wrench (base axes), joint torques, modal forces of the piezos, and the wrench of
         the surroundings on the object (inertial axes).
     out: (n,) accelerations, written.
+    anew: the state is not near the one of the last call that was anew, a step of the integrator away at most.
     held: the base feels ``work.held`` instead of the panels' present reaction, as in Fig. 1.
 
     Source: Eqs. 2-4 and 40 with the elastic accelerations eliminated, Eq. 8 with the grasp forces solved from the pins,
     whose errors decay at ``model.baumgarte``.
     """
-    work.heading[0], work.heading[1] = cos(p[2]), sin(p[2])
-    arms.link_directions(model, p, v, work)
+    n_l = len(model.link_mass)
+    work.heading[0], work.heading[1] = cos_sin_near(work.anchor[n_l], p[2], anew)
+    arms.link_directions(model, p, v, work, anew)
     H, bias = _base_inertia(model, p, v, tau, work, held)
     if model.object_mass > 0.0:
-        H, bias = couple_object(model, p, v, tau, work, H, bias)
+        H, bias = couple_object(model, p, v, tau, work, H, bias, anew)
     symmetric_inverse(H, work.base_inv)
     work.column[0], work.column[1], work.column[2] = tau[0] - bias[0], tau[1] - bias[1], tau[2] - bias[2]
     _solve(model, work, 1.0)

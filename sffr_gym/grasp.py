@@ -6,15 +6,14 @@ centripetal part, so that ``lam = Y (O xdd_o + r - B xdd_b)`` with ``Y = Lam^-1`
 
 from __future__ import annotations
 
-from math import cos, sin
-
 from sffr_gym import arms
 from sffr_gym._jit import kernel
+from sffr_gym.angles import cos_sin_near
 from sffr_gym.linalg import symmetric_inverse, times, times_transposed
 
 
 @kernel(inline=True)
-def couple_object(model, p, v, tau, work, H, bias):
+def couple_object(model, p, v, tau, work, H, bias, anew):
     """Add the grasps to the base's system and eliminate the object; see the module's equations."""
     cb, sb = work.heading[0], work.heading[1]
     at = len(p) - 3
@@ -24,7 +23,7 @@ def couple_object(model, p, v, tau, work, H, bias):
     dx, dy = p[at] - p[0], p[at + 1] - p[1]
     dxd, dyd = v[at] - v[0], v[at + 1] - v[1]
     dx, dy, dxd, dyd = cb * dx + sb * dy, cb * dy - sb * dx, cb * dxd + sb * dyd, cb * dyd - sb * dxd
-    cp, sp = cos(p[at + 2] - p[2]), sin(p[at + 2] - p[2])
+    cp, sp = cos_sin_near(work.anchor[len(model.link_mass) + 1], p[at + 2] - p[2], anew)
     cross = work.cross
     cross[:] = 0.0
     Hxx, Hxy, Hxz, Hyy, Hyz, Hzz = H

@@ -82,7 +82,7 @@ def _rk4(model, p, v, tau, h, work):
     sum_p[:] = 0.0
     sum_v[:] = 0.0
     for stage in range(4):
-        accelerations(model, stage_p, stage_v, tau, inner, a[0], is_staggered(model) and stage > 0)
+        accelerations(model, stage_p, stage_v, tau, inner, a[0], is_staggered(model) and stage > 0, stage == 0)
         if stage == 0:
             _keep_forces(model, v, work)
         weight = h / 6.0 if stage in (0, 3) else h / 3.0
@@ -119,7 +119,8 @@ def _etdrk4(model, p, v, tau, h, work):
             _constant_forcing(
                 P[start], V[start], z[start], a[forcing], g[forcing], half, work, P[stage], V[stage], z[stage]
             )
-        accelerations(model, P[stage], V[stage], tau, work.dynamics, a[stage], is_staggered(model) and stage > 0)
+        held = is_staggered(model) and stage > 0
+        accelerations(model, P[stage], V[stage], tau, work.dynamics, a[stage], held, stage == 0)
         if stage == 0:
             _keep_forces(model, v, work)
             _freeze(model, p, v, half, work)

@@ -6,13 +6,14 @@ the circle. The observation is all that a policy gets; see :func:`observation_fi
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from sffr_gym import arms
 from sffr_gym._jit import kernel
+from sffr_gym.angles import cos_sin_near, wrap
 from sffr_gym.beam import N_TIP
 from sffr_gym.model import N_BASE, IntArray, Model
 from sffr_gym.params import Params
@@ -85,17 +86,13 @@ def observation_fields(model: Model, params: Params) -> dict[str, Field]:
 
 
 @kernel(inline=True)
-def wrap(angle):
-    """The same angle in [-pi, pi)."""
-    return (angle + pi) % (2.0 * pi) - pi
-
-
-@kernel(inline=True)
-def observe(robot, reference, want, p, v, work, obs):
+def observe(robot, reference, want, p, v, work, obs, anew):
     """Write the observation (n_o,) of positions and velocities ``p, v`` (n,).
 
     robot: the plant as a :class:`task.Robot`; reference: the episode's :class:`reference.Reference`.
-    want: the :class:`reference.Desired` of this time; work: a :class:`dynamics.Work`, whose link directions are set.
+    want: the :class:`reference.Desired` of this time; work: a :class:`dynamics.Work`, whose heading and
+        link directions are set.
+    anew: the state is not the one after a step with ``work``; see :func:`dynamics.accelerations`.
     """
     model = robot.model
     ch, sh, turn = cos(want.heading), sin(want.heading), want.turn
@@ -109,8 +106,9 @@ def observe(robot, reference, want, p, v, work, obs):
     obs[at] = turn - v[2]
     at += 1
     # Grippers: desired points of the object, actual tips from the joint angles.
-    arms.link_directions(model, p, v, work)
-    cb, sb = cos(p[2]), sin(p[2])
+    arms.link_directions(model, p, v, work, anew)
+    cb, sb = cos_sin_near(work.anchor[n_l], p[2], anew)
+    work.heading[0], work.heading[1] = cb, sb
     cp, sp = cos(want.heading + reference.phi), sin(want.heading + reference.phi)
     n_g = len(model.grasp_arm)
     for g in range(n_g):

@@ -5,7 +5,7 @@ Pure functions of the state; one source for the single environment, the batch an
 
 from __future__ import annotations
 
-from math import cos, hypot, isfinite, sin
+from math import cos, hypot, isfinite, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +13,12 @@ import numpy as np
 from sffr_gym import arms
 from sffr_gym._jit import assign, kernel
 from sffr_gym.actuators import Actuators, generalized_forces, pack_actuators, saturate
+from sffr_gym.angles import wrap
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
 from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack, steps_in
-from sffr_gym.observation import held_joints, observation_fields, observe, wrap
+from sffr_gym.observation import held_joints, observation_fields, observe
 from sffr_gym.params import Params
 from sffr_gym.reference import desired
 
@@ -162,7 +163,7 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
             assign(v, buffers.v)
             return NOT_FINITE
     want = desired(reference, t_end)
-    observe(robot, reference, want, p, v, buffers.step.dynamics, obs)
+    observe(robot, reference, want, p, v, buffers.step.dynamics, obs, False)
     _measure_state(robot, reference, want, p, v, buffers, signals)
     _measure_effort(robot, buffers, signals)
     return _status(robot, p, v, obs, buffers)
@@ -197,10 +198,13 @@ def _status(robot, p, v, obs, buffers):
     for i in range(model.omega2.shape[0]):
         if _tip(robot, i, p, start + i * n_m) > robot.limit[0]:
             return TIP_RANGE
+    cp = sp = 0.0
+    if model.object_mass > 0.0:
+        cp, sp = cos(p[len(p) - 1]), sin(p[len(p) - 1])
     for g in range(len(model.grasp_arm)):
         if _elbow(model, model.grasp_arm[g], work) < robot.limit[1]:
             return ARM_SINGULAR
-        if _gap(model, g, p, v, work) > robot.limit[2]:
+        if _gap(model, g, p, v, cp, sp, work) > robot.limit[2]:
             return GRASP_LOST
     return outcome
 
@@ -209,7 +213,7 @@ def _status(robot, p, v, obs, buffers):
 def view(robot, reference, t, p, v, buffers, obs, signals):
     """Observe and measure a state at time ``t`` [s] without a step; the signals of the command are 0."""
     want = desired(reference, t)
-    observe(robot, reference, want, p, v, buffers.step.dynamics, obs)
+    observe(robot, reference, want, p, v, buffers.step.dynamics, obs, True)
     signals[:] = 0.0
     _measure_state(robot, reference, want, p, v, buffers, signals)
 
@@ -300,16 +304,19 @@ def _elbow(model, arm, work):
     for k in range(first + 1, last):
         x += model.link_length[k] * work.c[k]
         y += model.link_length[k] * work.s[k]
-    return abs(work.c[first] * y - work.s[first] * x) / max(hypot(x, y), 1e-12)
+    return abs(work.c[first] * y - work.s[first] * x) / max(sqrt(x * x + y * y), 1e-12)
 
 
 @kernel(inline=True)
-def _gap(model, g, p, v, work):
-    """Distance of a gripper from its grasp point [m]; link directions are those of ``p``."""
+def _gap(model, g, p, v, cp, sp, work):
+    """Distance of a gripper from its grasp point [m]; heading and link directions are those of ``p``.
+
+    cp, sp: cosine and sine of the object's angle.
+    """
     o = len(p) - 3
     x, y, _, _ = arms.tip_motion(model, model.grasp_arm[g], v[2], work)
-    cb, sb, cp, sp = cos(p[2]), sin(p[2]), cos(p[o + 2]), sin(p[o + 2])
+    cb, sb = work.heading[0], work.heading[1]
     gx, gy = model.grasp_point[g, 0], model.grasp_point[g, 1]
     dx = p[0] + cb * x - sb * y - p[o] - cp * gx + sp * gy
     dy = p[1] + sb * x + cb * y - p[o + 1] - sp * gx - cp * gy
-    return hypot(dx, dy)
+    return sqrt(dx * dx + dy * dy)
