@@ -5,16 +5,18 @@ from __future__ import annotations
 import functools
 import itertools
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym._jit import assign, kernel
+from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
 from sffr_gym.disturbances import Impulses, Sensing, hit, sense
 from sffr_gym.episode import Episode
 from sffr_gym.fleet import Fleet, robot_at
+from sffr_gym.lanes import ONE, WIDTH, columns, gather, in_lanes, take, zeros
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import MOST_IMPULSES
@@ -72,6 +74,35 @@ class Batch(NamedTuple):
     status: IntArray
 
 
+class Group(NamedTuple):
+    """Environments that a kernel advances at once: one, or one in each lane; see :class:`Batch`."""
+
+    p: Array
+    v: Array
+    reference: Array
+    joints: Array
+    wrench: Array
+    command: Array
+    t: Array  # (1,) time at the end of the period [s]
+    obs: Array
+    signals: Array
+    terms: Array
+    reward: Array  # (1,)
+    cost: Array  # (1,)
+    status: Array  # (1,)
+
+
+@kernel(allocates=True)
+def make_group(batch, one):
+    """Allocate a group of a batch's environments, of numbers of the kind of ``one``; see :func:`lanes.zeros`."""
+    return Group(
+        p=zeros(one, batch.p.shape[1]), v=zeros(one, batch.p.shape[1]), reference=zeros(one, batch.reference.shape[1]),
+        joints=zeros(one, batch.joints.shape[1]), wrench=zeros(one, 3), command=zeros(one, batch.applied.shape[1]),
+        t=zeros(one, 1), obs=zeros(one, batch.obs.shape[1]), signals=zeros(one, N_SIGNALS),
+        terms=zeros(one, len(REWARDS)), reward=zeros(one, 1), cost=zeros(one, 1), status=zeros(one, 1),
+    )  # fmt: skip
+
+
 def make_batch(robot: Robot, n: int) -> Batch:
     """Allocate ``n`` environments of one robot."""
     size, n_u, n_o = n_positions(robot.model), len(robot.actuators.limit), len(robot.bound)
@@ -103,7 +134,7 @@ def start_episode(fleet: Fleet, batch: Batch, i: int, episode: Episode) -> None:
 def view_one(fleet, batch, i):
     """Observe and measure environment ``i`` at its present time, without a step; late sensors see it as it is."""
     robot = robot_at(fleet, i, np.zeros(2, dtype=np.int64))
-    buffers, reference = make_buffers(robot), _reference(batch, i)
+    buffers, reference = make_buffers(robot), _reference(batch.reference[i], batch.joints[i])
     view(
         robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], buffers, batch.obs[i], batch.signals[i]
     )
@@ -113,7 +144,7 @@ def view_one(fleet, batch, i):
 
 
 def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -> None:
-    """Advance the active environments of a batch by one control period, on as many threads as pay.
+    """Advance the active environments of a batch by one control period, in lanes and on as many threads as pay.
 
     Args:
         fleet: their plants.
@@ -122,48 +153,114 @@ def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -
         active: (n,) False leaves an environment as it is.
     """
     n = len(batch.tick)
-    chunks = min(THREADS, n // SMALLEST_CHUNK)
-    if chunks < 2:
-        step_range(fleet, batch, actions, active, 0, n)
+    if len(fleet.numbers) > 1 or n < WIDTH:
+        _in_threads(step_range, fleet, batch, actions, active, 0, n)
         return
-    ends = [n * chunk // chunks for chunk in range(chunks + 1)]
-    jobs = [_pool().submit(step_range, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    rest = n - n % WIDTH
+    _in_threads(step_lanes, fleet, batch, actions, active, 0, rest)
+    if rest < n:
+        step_range(fleet, batch, actions, active, rest, n)
+
+
+def _in_threads(
+    step: Callable[..., None], fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray, first: int, last: int
+) -> None:
+    """Share the environments from ``first`` up to ``last`` out to threads."""
+    chunks = min(THREADS, (last - first) // SMALLEST_CHUNK)
+    if chunks < 2:
+        step(fleet, batch, actions, active, first, last)
+        return
+    ends = [first + (last - first) * chunk // chunks // WIDTH * WIDTH for chunk in range(chunks)] + [last]
+    jobs = [_pool().submit(step, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
     for job in jobs:
         job.result()
 
 
 @kernel(allocates=True, nogil=True)
 def step_range(fleet, batch, actions, active, first, last):
-    """Advance the active environments from ``first`` up to ``last`` by one control period."""
+    """Advance the active environments from ``first`` up to ``last`` by one control period, one after the other."""
+    _step(fleet, batch, actions, active, first, last, ONE)
+
+
+@kernel(allocates=True, nogil=True)
+def step_lanes(fleet, batch, actions, active, first, last):
+    """Do the same in lanes, for robots that are alike and as many as fill all lanes."""
+    _step(fleet, batch, actions, active, first, last, in_lanes(ONE))
+
+
+@kernel(allocates=True, inline=True)
+def _step(fleet, batch, actions, active, first, last, one):
+    """Advance environments by numbers of the kind of ``one``; see :func:`lanes.zeros`."""
     cursor = np.zeros(2, dtype=np.int64)
     robot = robot_at(fleet, first, cursor)
-    buffers = make_buffers(robot)
-    command = np.zeros(actions.shape[1])
-    for i in range(first, last):
-        if not active[i]:
-            continue
+    group, buffers, alone = make_group(batch, one), make_buffers(robot, one), make_buffers(robot)
+    width = columns(group.t).shape[1]
+    for i in range(first, last, width):
         if len(fleet.numbers) > 1:  # looking at another robot takes a tenth of a period
             robot = robot_at(fleet, i, cursor)
-        batch.clipped[i] = 0
-        for k in range(len(command)):
-            action = min(max(actions[i, k], -1.0), 1.0)
-            batch.clipped[i] += action != actions[i, k]
-            command[k] = action * robot.scale[k]
-        reference = _reference(batch, i)
-        hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
-        batch.tick[i] += 1
-        batch.status[i] = control_period(
-            robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
-            batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+        for k in range(i, i + width):
+            if active[k]:
+                _begin(robot, batch, actions, k)
+        _load(robot, batch, actions, i, group)
+        group.status[0] = control_period(
+            robot, _reference(group.reference, group.joints), group.t[0], group.p, group.v, group.command,
+            group.wrench, buffers, group.obs, group.signals,
         )  # fmt: skip
-        if batch.status[i] != NOT_FINITE:  # else the last observation stays
-            sense(
-                robot, reference, _sensing(batch, i), batch.tick[i], buffers.p, buffers.v, buffers.step.dynamics,
-                batch.obs[i],
-            )  # fmt: skip
-        assign(batch.applied[i], buffers.applied)
-        batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
-        batch.cost[i] = period_cost(batch.signals[i], batch.status[i])
+        group.reward[0] = reward_terms(robot, group.signals, group.terms)
+        group.cost[0] = period_cost(group.signals, group.status[0])
+        for k in range(i, i + width):
+            if active[k]:
+                _store(robot, batch, k, group, buffers, k - i, alone)
+
+
+@kernel(inline=True)
+def _begin(robot, batch, actions, i):
+    """Count what is clipped of an action, and let environment ``i`` be hit, before its next control period."""
+    batch.clipped[i] = 0
+    for k in range(actions.shape[1]):
+        batch.clipped[i] += abs(actions[i, k]) > 1.0
+    hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
+    batch.tick[i] += 1
+
+
+@kernel(inline=True)
+def _load(robot, batch, actions, i, group):
+    """Take the environments from ``i`` on into a group."""
+    gather(batch.p, i, group.p)
+    gather(batch.v, i, group.v)
+    gather(batch.reference, i, group.reference)
+    gather(batch.joints, i, group.joints)
+    gather(batch.wrench, i, group.wrench)
+    gather(actions, i, group.command)
+    for k in range(len(group.command)):
+        group.command[k] = min(max(group.command[k], -1.0), 1.0) * robot.scale[k]
+    t = columns(group.t)
+    for lane in range(t.shape[1]):
+        t[0, lane] = batch.tick[i + lane] * robot.period
+
+
+@kernel(inline=True)
+def _store(robot, batch, i, group, buffers, lane, alone):
+    """Bring a lane of a group back as environment ``i``, and let its sensors see.
+
+    alone: buffers of a single robot.
+    """
+    batch.status[i] = int(columns(group.status)[0, lane])
+    batch.cost[i] = columns(group.cost)[0, lane]
+    take(group.p, lane, batch.p[i])
+    take(group.v, lane, batch.v[i])
+    take(buffers.applied, lane, batch.applied[i])
+    if batch.status[i] == NOT_FINITE:  # the last observation stays
+        return
+    batch.reward[i] = columns(group.reward)[0, lane]
+    take(group.terms, lane, batch.terms[i])
+    take(group.signals, lane, batch.signals[i])
+    take(group.obs, lane, batch.obs[i])
+    if batch.key[i] > 0 or batch.delay[i] > 0:
+        take(buffers.p, lane, alone.p)
+        take(buffers.v, lane, alone.v)
+        reference, sensing = _reference(batch.reference[i], batch.joints[i]), _sensing(batch, i)
+        sense(robot, reference, sensing, batch.tick[i], alone.p, alone.v, alone.step.dynamics, batch.obs[i])
 
 
 @functools.cache
@@ -182,6 +279,5 @@ def _sensing(batch, i):
 
 
 @kernel(inline=True, allocates=True)
-def _reference(batch, i):
-    r = batch.reference[i]
-    return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], batch.joints[i])
+def _reference(r, joints):
+    return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], joints)

@@ -5,7 +5,7 @@ Pure functions of the state; one source for the single environment, the batch an
 
 from __future__ import annotations
 
-from math import cos, hypot, isfinite, sin, sqrt
+from math import cos, isfinite, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from sffr_gym.angles import wrap
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
+from sffr_gym.lanes import ONE, any_lane, where, zeros
 from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack, steps_in
 from sffr_gym.observation import held_joints, observation_fields, observe
 from sffr_gym.params import Params
@@ -42,8 +43,8 @@ N_SIGNALS = len(SIGNALS)
     N_SIGNALS
 )
 
-# Why an episode ends before its time; the text of each in REASONS.
-RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE = range(6)
+# Why an episode ends before its time, a float since lanes hold nothing else; the text of each in REASONS.
+RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE = map(float, range(6))
 REASONS = {
     RUNNING: "",
     TIP_RANGE: "panel tip beyond the model's range",
@@ -132,17 +133,20 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
 
 
 @kernel(allocates=True)
-def make_buffers(robot):
-    """Allocate the buffers of :func:`control_period`."""
+def make_buffers(robot, one=ONE):
+    """Allocate the buffers of :func:`control_period` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
     n, n_u = n_positions(robot.model), len(robot.actuators.limit)
-    return Buffers(step_workspace(robot.model), np.zeros(n), np.zeros(n_u), np.zeros(3), np.zeros(n), np.zeros(n))
+    return Buffers(
+        step_workspace(robot.model, one), zeros(one, n), zeros(one, n_u), zeros(one, 3), zeros(one, n), zeros(one, n)
+    )
 
 
 @kernel(inline=True)
 def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
-    A state that is not finite is not returned: ``p, v`` go back to what they were, observation and signals stay.
+    A state that is not finite is not returned: ``p, v`` go back to what they were, and observation and signals are not
+    to be used.
 
     command: (n_u,) piezo volts, base thrust, joint torques, before the limits.
     wrench: (3,) force of the surroundings on the base [N, N, N m], base axes.
@@ -157,16 +161,18 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     for k in range(N_BASE):
         buffers.tau[k] += wrench[k]
     advance(robot.model, p, v, buffers.tau, robot.period, robot.steps, robot.integrator, buffers.step)
+    finite = isfinite(p[0])
     for k in range(len(p)):
-        if not (isfinite(p[k]) and isfinite(v[k])):
-            assign(p, buffers.p)
-            assign(v, buffers.v)
-            return NOT_FINITE
+        finite = finite & isfinite(p[k]) & isfinite(v[k])
+    for k in range(len(p)):
+        p[k], v[k] = where(finite, p[k], buffers.p[k]), where(finite, v[k], buffers.v[k])
+    if not any_lane(finite):
+        return where(finite, RUNNING, NOT_FINITE)
     want = desired(reference, t_end)
     observe(robot, reference, want, p, v, buffers.step.dynamics, obs, False)
     _measure_state(robot, reference, want, p, v, buffers, signals)
     _measure_effort(robot, buffers, signals)
-    return _status(robot, p, v, obs, buffers)
+    return where(finite, _status(robot, p, v, obs, buffers), NOT_FINITE)
 
 
 @kernel(inline=True)
@@ -181,8 +187,8 @@ def reward_terms(robot, signals, terms):
 @kernel(inline=True)
 def period_cost(signals, status):
     """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0."""
-    saturated = signals[SAT_PIEZO] > 0.0 or signals[SAT_THRUST] > 0.0 or signals[SAT_JOINT] > 0.0
-    return 1.0 if saturated or status != RUNNING else 0.0
+    saturated = (signals[SAT_PIEZO] > 0.0) | (signals[SAT_THRUST] > 0.0) | (signals[SAT_JOINT] > 0.0)
+    return where(saturated | (status != RUNNING), 1.0, 0.0)
 
 
 @kernel(inline=True)
@@ -191,21 +197,18 @@ def _status(robot, p, v, obs, buffers):
     model, work = robot.model, buffers.step.dynamics
     outcome = RUNNING
     for k in range(len(obs)):
-        if abs(obs[k]) > robot.bound[k]:
-            outcome = OUT_OF_RANGE
-            obs[k] = robot.bound[k] if obs[k] > 0.0 else -robot.bound[k]
-    n_m, start = model.omega2.shape[1], N_BASE + len(model.link_mass)
-    for i in range(model.omega2.shape[0]):
-        if _tip(robot, i, p, start + i * n_m) > robot.limit[0]:
-            return TIP_RANGE
+        beyond = abs(obs[k]) > robot.bound[k]
+        outcome = where(beyond, OUT_OF_RANGE, outcome)
+        obs[k] = where(beyond, where(obs[k] > 0.0, robot.bound[k], -robot.bound[k]), obs[k])
     cp = sp = 0.0
     if model.object_mass > 0.0:
         cp, sp = cos(p[len(p) - 1]), sin(p[len(p) - 1])
-    for g in range(len(model.grasp_arm)):
-        if _elbow(model, model.grasp_arm[g], work) < robot.limit[1]:
-            return ARM_SINGULAR
-        if _gap(model, g, p, v, cp, sp, work) > robot.limit[2]:
-            return GRASP_LOST
+    for g in range(len(model.grasp_arm) - 1, -1, -1):
+        outcome = where(_gap(model, g, p, v, cp, sp, work) > robot.limit[2], GRASP_LOST, outcome)
+        outcome = where(_elbow(model, model.grasp_arm[g], work) < robot.limit[1], ARM_SINGULAR, outcome)
+    n_m, start = model.omega2.shape[1], N_BASE + len(model.link_mass)
+    for i in range(model.omega2.shape[0]):
+        outcome = where(_tip(robot, i, p, start + i * n_m) > robot.limit[0], TIP_RANGE, outcome)
     return outcome
 
 
@@ -224,10 +227,10 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
     model = robot.model
     if model.object_mass > 0.0:
         o = len(p) - 3
-        signals[ERROR] = hypot(want.x - p[o], want.y - p[o + 1])
+        signals[ERROR] = _length(want.x - p[o], want.y - p[o + 1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.phi - p[o + 2]))
     else:
-        signals[ERROR] = hypot(want.x - p[0], want.y - p[1])
+        signals[ERROR] = _length(want.x - p[0], want.y - p[1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.yaw - p[2]))
     energy = tip = 0.0
     fx = fy = moment = 0.0
@@ -269,12 +272,12 @@ def _measure_effort(robot, buffers, signals):
     applied, limit, q_flex = buffers.applied, robot.actuators.limit, buffers.step.q_flex
     n_l = len(robot.model.link_mass)
     n_v = len(applied) - n_l - N_BASE
-    signals[FORCE] = hypot(q_flex[0] - buffers.q_flex[0], q_flex[1] - buffers.q_flex[1])
+    signals[FORCE] = _length(q_flex[0] - buffers.q_flex[0], q_flex[1] - buffers.q_flex[1])
     signals[MOMENT] = abs(q_flex[2] - buffers.q_flex[2])
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(len(applied)):
-        beyond = 1.0 if abs(applied[k]) >= limit[k] > 0.0 else 0.0  # a dead actuator does not saturate
+        beyond = where(abs(applied[k]) >= limit[k], 1.0, 0.0) if limit[k] > 0.0 else 0.0  # not the dead ones
         if k < n_v:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += beyond / n_v
@@ -285,6 +288,11 @@ def _measure_effort(robot, buffers, signals):
         else:
             signals[JOINT] += applied[k] * applied[k]
             signals[SAT_JOINT] += beyond / n_l
+
+
+@kernel(inline=True)
+def _length(x, y):
+    return sqrt(x * x + y * y)
 
 
 @kernel(inline=True)

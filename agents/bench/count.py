@@ -87,15 +87,11 @@ for _name, _kind, _apply in (
 
 
 def _function(name: str) -> Callable[..., Any]:
-    """A function of ``math`` that counts itself; ``hypot`` as what it comes down to, ``isfinite`` as free."""
+    """A function of ``math`` that counts itself, ``isfinite`` as free."""
     original = getattr(math, name)
 
     def call(*arguments: Any) -> Any:
-        if name == "hypot":
-            _count["sqrt"] += 1
-            _count["multiply"] += 2
-            _count["add"] += 1
-        elif name != "isfinite":
+        if name != "isfinite":
             _count["sqrt" if name == "sqrt" else "transcendental"] += 1
         result = original(*map(float, arguments))
         return Counted(result) if isinstance(result, float) else result
@@ -118,7 +114,7 @@ def count_functions() -> None:
     """Let the kernels' modules use functions of ``math`` that count."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] in PACKAGES:
-            for function in "sin", "cos", "sqrt", "exp", "hypot", "isfinite":
+            for function in "sin", "cos", "sqrt", "exp", "isfinite":
                 if vars(module).get(function) is getattr(math, function):
                     setattr(module, function, _function(function))
 
