@@ -19,6 +19,7 @@ from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.learning.commands import add_commands as add_learning_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
@@ -52,7 +53,9 @@ def sffr(
     remove_stale_caches()
 
 
-_POLICY_HELP = "Policies to compare.\n\n" + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
+_POLICY_HELP = "Policies to compare; a learned one by its [bold].npz[/] file.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {text}" for name, text in POLICIES.items()
+)
 
 
 @app.command("evaluate", no_args_is_help=True)
@@ -200,6 +203,8 @@ def reproduce_command(
 
 add_speed_commands(app)
 add_benchmark_commands(app)
+add_learning_commands(app)
+
 
 if __name__ == "__main__":
     app()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import floor, inf, isfinite, log10
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from agents.learned import SUFFIX, load_schedule
 from agents.score import REFERENCE, WEIGHTS, Result, costs, ratios
 from baselines import make_policy
 from baselines.policies import ORACLES, Policy, left_out
@@ -92,8 +94,8 @@ def evaluate(
     """Run policies on the same episodes of a scenario.
 
     Args:
-        policies: names. Where a scenario's plant is not what the controllers believe, HSC and AHSC run with the right
-            model as well.
+        policies: names, or files of learned policies (``.npz``). Where a scenario's plant is not what the controllers
+            believe, HSC and AHSC run with the right model as well.
         scenario: a shipped scenario's name or a file.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
@@ -238,11 +240,18 @@ def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
         if names.count(name) > 1:
             raise ConfigError(f"policy {name!r} is given twice")
     try:
-        return [make_policy(name, params) for name in names]
+        return [_make_policy(name, params) for name in names]
     except ConfigError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from None
+
+
+def _make_policy(name: str, params: Params) -> Policy:
+    """A baseline by its name, or a learned policy by its file."""
+    if name.endswith(SUFFIX):
+        return load_schedule(name).policy(params, Path(name).stem)
+    return make_policy(name, params)
 
 
 def _length(env: SFFRFlexEnv, seed: int) -> int:

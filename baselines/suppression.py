@@ -88,11 +88,12 @@ def damped_coordinates(params: Params) -> tuple[str, ...]:
 
 
 @kernel(inline=True)
-def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
+def suppress(law, allocation, limit, obs, elastic, yaw_rate, factor, B_hat, volts):
     """Write the piezo voltages of all panels and adapt ``B_hat`` (n_p, 3) in place.
 
     allocation: (n_p, n_c, 3) volts for a wanted tip force; limit: (n_p n_c,) [V].
     obs: the observation, whose tip displacements start at ``elastic``; yaw_rate: of the base [rad/s].
+    factor: (n_p, 3) by which a schedule multiplies the virtual damping; 1 is the law alone.
 
     No adaptation while a channel of the panel saturates; B is never negative (sec. 4).
     """
@@ -109,7 +110,7 @@ def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
             for j in range(N_TIP):
                 Q_v += yaw_rate * yaw_rate * law.M_ff[k, j] * obs[q + j]
                 Q_v -= 2.0 * yaw_rate * law.gyroscopic[k, j] * obs[qd + j]
-            tau = -B_hat[i, k] * obs[qd + k] - Q_v
+            tau = -(factor[i, k] * B_hat[i, k]) * obs[qd + k] - Q_v
             for c in range(n_c):
                 volts[i * n_c + c] += allocation[i, c, k] * tau
         for c in range(n_c):

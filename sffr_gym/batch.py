@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 import itertools
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,13 +123,23 @@ def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -
         actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
         active: (n,) False leaves an environment as it is.
     """
-    n = len(batch.tick)
-    chunks = min(THREADS, n // SMALLEST_CHUNK)
+    spread(len(batch.tick), partial(step_range, fleet, batch, actions, active), SMALLEST_CHUNK)
+
+
+def spread(n: int, advance: Callable[[int, int], Any], smallest: int) -> None:
+    """Call ``advance(first, last)`` for all of ``n`` environments, on as many threads as pay.
+
+    Args:
+        n: number of environments.
+        advance: a kernel that releases the interpreter's lock.
+        smallest: number of environments that pay for a thread.
+    """
+    chunks = min(THREADS, n // smallest)
     if chunks < 2:
-        step_range(fleet, batch, actions, active, 0, n)
+        advance(0, n)
         return
     ends = [n * chunk // chunks for chunk in range(chunks + 1)]
-    jobs = [_pool().submit(step_range, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    jobs = [_pool().submit(advance, *span) for span in itertools.pairwise(ends)]
     for job in jobs:
         job.result()
 
@@ -149,21 +161,27 @@ def step_range(fleet, batch, actions, active, first, last):
             action = min(max(actions[i, k], -1.0), 1.0)
             batch.clipped[i] += action != actions[i, k]
             command[k] = action * robot.scale[k]
-        reference = _reference(batch, i)
-        hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
-        batch.tick[i] += 1
-        batch.status[i] = control_period(
-            robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
-            batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+        advance_one(robot, batch, i, command, buffers)
+
+
+@kernel(inline=True, allocates=True)
+def advance_one(robot, batch, i, command, buffers):
+    """Hold a command (n_u,) in environment ``i``, whose plant is ``robot``, for one control period."""
+    reference = _reference(batch, i)
+    hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
+    batch.tick[i] += 1
+    batch.status[i] = control_period(
+        robot, reference, batch.tick[i] * robot.period, batch.p[i], batch.v[i], command,
+        batch.wrench[i], buffers, batch.obs[i], batch.signals[i],
+    )  # fmt: skip
+    if batch.status[i] != NOT_FINITE:  # else the last observation stays
+        sense(
+            robot, reference, _sensing(batch, i), batch.tick[i], buffers.p, buffers.v, buffers.step.dynamics,
+            batch.obs[i],
         )  # fmt: skip
-        if batch.status[i] != NOT_FINITE:  # else the last observation stays
-            sense(
-                robot, reference, _sensing(batch, i), batch.tick[i], buffers.p, buffers.v, buffers.step.dynamics,
-                batch.obs[i],
-            )  # fmt: skip
-        assign(batch.applied[i], buffers.applied)
-        batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
-        batch.cost[i] = period_cost(batch.signals[i], batch.status[i])
+    assign(batch.applied[i], buffers.applied)
+    batch.reward[i] = reward_terms(robot, batch.signals[i], batch.terms[i])
+    batch.cost[i] = period_cost(batch.signals[i], batch.status[i])
 
 
 @functools.cache

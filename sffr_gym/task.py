@@ -89,6 +89,7 @@ class Buffers(NamedTuple):
     tau: Array  # (n,) generalised forces
     applied: Array  # (n_u,) command after the limits
     q_flex: Array  # (3,) quasi-static wrench of the panels
+    energy: Array  # (n_p,) each panel's share of the signal `vibration` [J]
     p: Array  # (n,) state before the period
     v: Array
 
@@ -135,7 +136,10 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
 def make_buffers(robot):
     """Allocate the buffers of :func:`control_period`."""
     n, n_u = n_positions(robot.model), len(robot.actuators.limit)
-    return Buffers(step_workspace(robot.model), np.zeros(n), np.zeros(n_u), np.zeros(3), np.zeros(n), np.zeros(n))
+    energy = np.zeros(len(robot.model.panel_root))
+    return Buffers(
+        step_workspace(robot.model), np.zeros(n), np.zeros(n_u), np.zeros(3), energy, np.zeros(n), np.zeros(n)
+    )
 
 
 @kernel(inline=True)
@@ -229,7 +233,7 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
     else:
         signals[ERROR] = hypot(want.x - p[0], want.y - p[1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.yaw - p[2]))
-    energy = tip = 0.0
+    signals[VIBRATION] = tip = 0.0
     fx = fy = moment = 0.0
     ch, sh, turn2 = cos(want.heading), sin(want.heading), want.turn * want.turn
     bx, by = ch * reference.base_x - sh * reference.base_y, sh * reference.base_x + ch * reference.base_y
@@ -246,11 +250,14 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         across = c * ay - s * ax
         at = start + i * n_m
         first_x, first_y = model.panel_inertia[i, 1], 0.0
+        energy = 0.0
         for m in range(model.n_axial, n_m):
             shape = -model.translation[i, m] * across / model.omega2[i, m]  # quasi-static amplitude
             first_y += model.translation[i, m] * shape
             deflection = p[at + m] - shape
             energy += 0.5 * (v[at + m] * v[at + m] + model.omega2[i, m] * deflection * deflection)
+        buffers.energy[i] = energy
+        signals[VIBRATION] += energy
         tip = max(tip, _tip(robot, i, p, at))
         first_x, first_y = c * first_x - s * first_y, s * first_x + c * first_y
         mass = model.panel_inertia[i, 0]
@@ -258,7 +265,6 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         fx -= gx
         fy -= gy
         moment -= rx * gy - ry * gx + first_x * ay - first_y * ax
-    signals[VIBRATION] = energy
     signals[TIP] = tip
     buffers.q_flex[0], buffers.q_flex[1], buffers.q_flex[2] = fx, fy, moment
 
