@@ -139,14 +139,14 @@ def test_policies_run_without_torch(tmp_path):
     file = tmp_path / "policy.npz"
     save_schedule(file, schedule_of(model, env.unwrapped.env, {}))
     code = f"""
-import sys
+import pathlib, sys
 sys.modules["torch"] = sys.modules["stable_baselines3"] = None
 from typer.testing import CliRunner
 from agents.cli import app
 from agents.learned import load_schedule
 load_schedule({str(file)!r}).predict([0.0] * 14)
 scenario = {str(tmp_path / "short.yaml")!r}
-open(scenario, "w").write("name: short\\ndescription: short\\nduration: 0.5\\n")
+pathlib.Path(scenario).write_text("name: short\\ndescription: short\\nduration: 0.5\\n")
 out = {str(tmp_path / "run")!r}
 result = CliRunner().invoke(app, ["evaluate", {str(file)!r}, "ahsc", "-s", scenario, "--no-figures", "-o", out])
 sys.exit(result.exit_code)
