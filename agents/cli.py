@@ -19,6 +19,7 @@ from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.learned import shipped_policies
 from agents.learning.commands import add_commands as add_learning_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
@@ -53,8 +54,9 @@ def sffr(
     remove_stale_caches()
 
 
-_POLICY_HELP = "Policies to compare; a learned one by its [bold].npz[/] file.\n\n" + "\n\n".join(
-    f"[bold]{name}[/]: {text}" for name, text in POLICIES.items()
+_LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
+_POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items()
 )
 
 

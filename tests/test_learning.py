@@ -221,7 +221,7 @@ def test_advantages_count_alike_at_any_amplitude():
     _, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
     results = []
     for size in (1.0, 10.0):
-        buffer = energy_scaling.EnergyBuffer(4, env.observation_space, env.action_space, n_envs=1, gamma=0.9)
+        buffer = energy_scaling.EnergyRolloutBuffer(4, env.observation_space, env.action_space, n_envs=1, gamma=0.9)
         rng = np.random.default_rng(0)
         for _ in range(4):
             obs = rng.uniform(-1.0, 1.0, (1, 7))

@@ -12,7 +12,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.learning.config import TrainConfig
-from agents.learning.energy_scaling import EnergyBuffer, EnergyPolicy
+from agents.learning.energy_scaling import EnergyPolicy, EnergyReplayBuffer, EnergyRolloutBuffer
 from agents.sb3_vec_env import make_sb3_vec_env
 from sffr_gym.params import ConfigError
 
@@ -40,13 +40,17 @@ def make_model(config: TrainConfig, seed: int) -> tuple[BaseAlgorithm, VecMonito
     env = VecMonitor(make_sb3_vec_env(config.n_envs, config.network.per_panel, **config.environment.model_dump()))
     settings: dict[str, Any] = config.learning.model_dump()  # type: ignore[attr-defined]
     network = {"net_arch": list(config.network.hidden), "activation_fn": ACTIVATIONS[config.network.activation]}
+    settings["learning_rate"] = _falling(settings["learning_rate"], settings.pop("final_learning_rate"))
     policy: Any = "MlpPolicy"
+    by_energy = settings.pop("energy_scaling")
     if config.algo == "ppo":
-        settings["learning_rate"] = _falling(settings["learning_rate"], settings.pop("final_learning_rate"))
         network["log_std_init"] = settings.pop("log_std_init")
-        if settings.pop("energy_scaling"):
-            policy, settings["rollout_buffer_class"] = EnergyPolicy, EnergyBuffer
-    elif config.algo == "td3":
+        if by_energy:
+            policy, settings["rollout_buffer_class"] = EnergyPolicy, EnergyRolloutBuffer
+    elif by_energy:
+        settings["replay_buffer_class"] = EnergyReplayBuffer
+        settings["replay_buffer_kwargs"] = {"gamma": settings["gamma"]}
+    if config.algo == "td3":
         spread = np.full(env.action_space.shape or (), settings["action_noise"])
         settings["action_noise"] = NormalActionNoise(np.zeros_like(spread), spread)
     algorithm = _find(config.algo)

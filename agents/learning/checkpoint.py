@@ -40,7 +40,9 @@ def save_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, notes: 
     folder.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, np.ndarray] = {}
     tree = {"notes": notes, "state": _plain(_state(model, env), arrays)}
-    unfinished, done = folder / "unfinished", folder / f"{model.num_timesteps:012d}"
+    before = _finished(folder)
+    number = int(before[-1].name) + 1 if before else 1
+    unfinished = folder / "unfinished"
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir()
     torch.save(
@@ -52,8 +54,7 @@ def save_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, notes: 
     for file in unfinished.iterdir():
         with file.open("rb") as written:
             os.fsync(written.fileno())
-    shutil.rmtree(done, ignore_errors=True)
-    unfinished.rename(done)
+    unfinished.rename(folder / f"{number:06d}")
     for old in _finished(folder)[:-keep]:
         shutil.rmtree(old)
 

@@ -55,37 +55,40 @@ class Checkpoints(Section):
     keep: int = Field(default=2, ge=1, description="how many of the last ones stay")
 
 
-class PPOSettings(Section):
-    """Arguments of Stable-Baselines3's PPO."""
+class Settings(Section):
+    """What all algorithms share."""
 
     learning_rate: Positive = Field(default=1.0e-3, description="at the start")
     final_learning_rate: NonNegative = Field(default=1.0e-4, description="at the end, linearly")
+    gamma: float = Field(default=0.98, gt=0.0, le=1.0, description="discount of an action")
+    energy_scaling: bool = Field(default=True, description="values per energy of the panels; see energy_scaling.py")
+
+
+class PPOSettings(Settings):
+    """Arguments of Stable-Baselines3's PPO."""
+
     n_steps: int = Field(default=64, ge=2, description="steps of each row between two updates")
     batch_size: int = Field(default=1024, ge=2, description="samples of a gradient")
     n_epochs: int = Field(default=6, ge=1, description="passes through the samples")
-    gamma: float = Field(default=0.98, gt=0.0, le=1.0, description="discount of an action")
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0, description="of the advantages")
     clip_range: Positive = Field(default=0.2, description="of the probability ratio")
     ent_coef: NonNegative = Field(default=0.0, description="weight of the entropy")
     vf_coef: NonNegative = Field(default=0.5, description="weight of the critic")
     max_grad_norm: Positive = Field(default=0.5, description="of the gradient")
     log_std_init: float = Field(default=-0.5, description="log of the actions' spread at the start")
-    energy_scaling: bool = Field(default=True, description="values and advantages per energy; see energy_scaling.py")
 
 
-class OffPolicySettings(Section):
+class ReplaySettings(Settings):
     """What the algorithms with a replay buffer share."""
 
-    learning_rate: Positive = Field(default=3.0e-4, description="constant")
     buffer_size: int = Field(default=1_000_000, ge=1, description="samples kept")
     learning_starts: int = Field(default=10_000, ge=1, description="samples before the first gradient")
     batch_size: int = Field(default=512, ge=2, description="samples of a gradient")
-    gamma: float = Field(default=0.98, gt=0.0, le=1.0, description="discount of an action")
     train_freq: int = Field(default=1, ge=1, description="steps of each row between two updates")
-    gradient_steps: int = Field(default=4, ge=1, description="gradients of an update")
+    gradient_steps: int = Field(default=8, ge=1, description="gradients of an update")
 
 
-class SoftTarget(OffPolicySettings):
+class SoftTarget(ReplaySettings):
     """Those that follow their critics slowly."""
 
     tau: float = Field(default=0.005, gt=0.0, le=1.0, description="how fast")
@@ -149,7 +152,7 @@ class TQCConfig(TrainConfig):
 class CrossQConfig(TrainConfig):
     """Training by CrossQ."""
 
-    learning: OffPolicySettings = OffPolicySettings()
+    learning: ReplaySettings = ReplaySettings()
 
 
 CONFIGS: dict[str, type[TrainConfig]] = {

@@ -12,30 +12,37 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
-from agents.learned import Network, Schedule, save_schedule
+from agents.learned import LearnedSchedule, Network, save_schedule
 from agents.learning.algorithms import make_model
 from agents.learning.checkpoint import load_checkpoint
 from agents.learning.config import TrainConfig
 from agents.learning.folder import CHECKPOINTS, read_run
+from agents.learning.validation import hash_of_suite
 from agents.residual_env import SFFRFlexDampingVectorEnv
 from sffr_gym.beam import Array
-from sffr_gym.params import ConfigError
+from sffr_gym.params import ConfigError, Params
 
 
-def schedule_of(model: Any, env: SFFRFlexDampingVectorEnv, about: dict[str, Any]) -> Schedule:
+def schedule_of(model: Any, env: SFFRFlexDampingVectorEnv, about: dict[str, Any]) -> LearnedSchedule:
     """The schedule that a model has learned.
 
     Args:
         model: see :func:`network_of`.
         env: what it was trained in.
-        about: where it comes from, of plain values.
+        about: where it comes from, of plain values; see :func:`origin_of`.
     """
     law = env.law.schedule
-    return Schedule(
+    return LearnedSchedule(
         network=network_of(model), law=env.law_name, rho=law.rho, agent_period=law.hold * env.robot.period,
         obs_names=env.obs_names, action_names=env.action_names,
         scaling=(law.energy, law.acceleration, law.acceleration_rate), trained=about,
     )  # fmt: skip
+
+
+def origin_of(config: TrainConfig, params: Params, **more: Any) -> dict[str, Any]:
+    """What a policy's file says of its training: algorithm, hashes of configuration and suite, and whatever more."""
+    suite = hash_of_suite(config.validation, params)
+    return {"algo": config.algo, "config_hash": config.hash(), "suite_hash": suite} | more
 
 
 def network_of(model: Any) -> Network:
@@ -101,7 +108,7 @@ def export_run(folder: Path, file: Path) -> None:
     config, seed = read_run(folder)
     model, env = make_model(config, seed)
     load_checkpoint(folder / CHECKPOINTS, model, env)
-    _write(model, env, {"seed": seed, "steps": model.num_timesteps, "config_hash": config.hash()}, file)
+    _write(model, env, config, file, seed=seed, steps=model.num_timesteps)
 
 
 def export_zip(source: Path, config: TrainConfig, file: Path, trust: bool = False) -> None:
@@ -128,8 +135,9 @@ def export_zip(source: Path, config: TrainConfig, file: Path, trust: bool = Fals
             model.set_parameters(str(source), device="cpu")
     except (RuntimeError, ValueError, KeyError) as error:
         raise ConfigError(f"{source}: does not fit the configuration: {error}") from None
-    _write(model, env, {"source": source.name, "config_hash": config.hash()}, file)
+    _write(model, env, config, file, source=source.name)
 
 
-def _write(model: BaseAlgorithm, env: VecMonitor, about: dict[str, Any], file: Path) -> None:
-    save_schedule(file, schedule_of(model, env.unwrapped.env, about))  # type: ignore[attr-defined]
+def _write(model: BaseAlgorithm, env: VecMonitor, config: TrainConfig, file: Path, **more: Any) -> None:
+    batch: SFFRFlexDampingVectorEnv = env.unwrapped.env  # type: ignore[attr-defined]
+    save_schedule(file, schedule_of(model, batch, origin_of(config, batch.params, **more)))

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.logger import KVWriter
+
+from agents.run_folder import write_whole
 
 STEPS = "steps"
 
@@ -22,20 +25,26 @@ class CsvTable(KVWriter):
     def __init__(self, file: Path, steps: int = 0) -> None:
         self._file = file
         self._rows: list[dict[str, Any]] = []
+        self._begun = False  # whether the file holds what was kept and no more
         if steps > 0 and file.is_file():
-            with file.open(newline="", encoding="utf-8") as text:
-                self._rows = [row for row in csv.DictReader(text) if int(row[STEPS]) <= steps]
+            whole, _, _ = file.read_text(encoding="utf-8").rpartition("\n")  # the last row may have been cut off
+            self._rows = [row for row in csv.DictReader(whole.splitlines()) if int(row[STEPS]) <= steps]
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
         """Add a row; a new column makes the whole table anew."""
         columns = self._columns()
         self._rows.append({STEPS: step} | {name: value for name, value in key_values.items() if _is_number(value)})
-        whole = self._columns() != columns or len(self._rows) == 1
-        with self._file.open("w" if whole else "a", newline="", encoding="utf-8") as text:
-            writer = csv.DictWriter(text, self._columns(), restval="", lineterminator="\n")
-            if whole:
-                writer.writeheader()
-            writer.writerows(self._rows if whole else self._rows[-1:])
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self._columns(), restval="", lineterminator="\n")
+        if self._columns() == columns and self._begun:
+            writer.writerow(self._rows[-1])
+            with self._file.open("a", encoding="utf-8") as table:
+                table.write(text.getvalue())
+            return
+        writer.writeheader()
+        writer.writerows(self._rows)
+        write_whole(self._file, text.getvalue().encode())
+        self._begun = True
 
     def close(self) -> None:
         """Nothing is open between two rows."""

@@ -20,13 +20,15 @@ from agents.learned import save_schedule
 from agents.learning.algorithms import make_model
 from agents.learning.checkpoint import load_checkpoint, save_checkpoint
 from agents.learning.config import VALIDATION_SEED, TrainConfig
-from agents.learning.export import schedule_of
-from agents.learning.folder import BEST, CHECKPOINTS, CONFIG, LAST, PROGRESS, read_run
+from agents.learning.export import origin_of, schedule_of
+from agents.learning.folder import BEST, CHECKPOINTS, LAST, PROGRESS, begin_run, finish_run, holds_run, read_run
 from agents.learning.log import CsvTable
 from agents.learning.validation import Validator
 from agents.residual_env import SFFRFlexDampingVectorEnv
-from agents.run_folder import origin, to_json, write_whole
+from agents.run_folder import origin
 from sffr_gym.params import ConfigError
+
+PACKAGES = ("torch", "stable-baselines3", "sb3-contrib")  # whose versions a run keeps beside the usual ones
 
 Report = Callable[[int, int, dict[str, float]], Any]  # steps done and in all, the last scores
 
@@ -55,12 +57,10 @@ def train(
             f"seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
             f"and those from {EVALUATION_SEED} up are for evaluation alone"
         )
-    if (out / CONFIG).exists():
+    if holds_run(out):
         raise ConfigError(f"{out}: holds a training; go on with it by --resume, or choose another folder with --out")
     model, env = make_model(config, seed)
-    out.mkdir(parents=True, exist_ok=True)
-    write_whole(out / "manifest.json", to_json(origin(command, datetime.now(UTC), 0.0)).encode())
-    write_whole(out / CONFIG, to_json({"seed": seed, "config": config.model_dump(mode="json")}).encode())
+    begin_run(out, config, seed, origin(command, datetime.now(UTC), 0.0, PACKAGES))
     return _Training(config, seed, out, model, env, report).run()
 
 
@@ -106,8 +106,11 @@ class _Training(BaseCallback):
         left = self._config.steps - model.num_timesteps
         if left > 0:
             model.learn(left, callback=self, reset_num_timesteps=False)
-        self._compare()
-        self._save()
+        if left > 0 or not self.notes["scores"]:
+            self._compare()
+            self._save()
+        model.logger.close()
+        finish_run(self._out, self.notes["elapsed"])
         best: dict[str, float] = self.notes["best_scores"]
         return best
 
@@ -125,8 +128,8 @@ class _Training(BaseCallback):
     def _compare(self) -> None:
         """Score the policy as it is, keep it if it is the best so far, and log."""
         model = self._algorithm
-        about = {"seed": self._seed, "steps": model.num_timesteps, "config_hash": self._config.hash()}
-        schedule = schedule_of(model, self._batch, about | {"suite_hash": self._validate.suite_hash})
+        about = origin_of(self._config, self._batch.params, seed=self._seed, steps=model.num_timesteps)
+        schedule = schedule_of(model, self._batch, about)
         scores = self._validate(schedule)
         self.notes |= {"validated": model.num_timesteps, "scores": scores}
         save_schedule(self._out / LAST, schedule)
