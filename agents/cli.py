@@ -19,6 +19,8 @@ from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.learned import shipped_policies
+from agents.learning.commands import add_commands as add_learning_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
@@ -52,7 +54,10 @@ def sffr(
     remove_stale_caches()
 
 
-_POLICY_HELP = "Policies to compare.\n\n" + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
+_LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
+_POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items()
+)
 
 
 @app.command("evaluate", no_args_is_help=True)
@@ -200,6 +205,8 @@ def reproduce_command(
 
 add_speed_commands(app)
 add_benchmark_commands(app)
+add_learning_commands(app)
+
 
 if __name__ == "__main__":
     app()

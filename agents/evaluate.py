@@ -15,8 +15,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from agents.learned import check_titles, load_policy
 from agents.score import REFERENCE, WEIGHTS, Result, costs, ratios
-from baselines import make_policy
 from baselines.policies import ORACLES, Policy, left_out
 from baselines.rollout import Trajectory, rollout
 from sffr_gym import ConfigError, Params
@@ -92,8 +92,8 @@ def evaluate(
     """Run policies on the same episodes of a scenario.
 
     Args:
-        policies: names. Where a scenario's plant is not what the controllers believe, HSC and AHSC run with the right
-            model as well.
+        policies: names, or ``.npz`` files of learned ones. Where a scenario's plant is not what the controllers
+            believe, HSC and AHSC run with the right model as well.
         scenario: a shipped scenario's name or a file.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
@@ -234,15 +234,8 @@ def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
     """Build the policies; raises ConfigError if there is none, for an unknown one and for one that is given twice."""
     if not names:
         raise ConfigError("no policy given")
-    for name in names:
-        if names.count(name) > 1:
-            raise ConfigError(f"policy {name!r} is given twice")
-    try:
-        return [make_policy(name, params) for name in names]
-    except ConfigError:
-        raise
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    check_titles(names)
+    return [load_policy(name, params) for name in names]
 
 
 def _length(env: SFFRFlexEnv, seed: int) -> int:

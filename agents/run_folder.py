@@ -14,13 +14,15 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sffr_gym
-from agents.evaluate import Evaluation
 from agents.score import Result
 from sffr_gym import ConfigError
 from sffr_gym.metrics import MEASURES
+
+if TYPE_CHECKING:  # it loads learned policies, which are written as these files are
+    from agents.evaluate import Evaluation
 
 SUMMARY, EPISODES, MANIFEST = "summary.json", "episodes.csv", "manifest.json"
 FIGURES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
@@ -114,13 +116,14 @@ def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def origin(command: Sequence[str], started: datetime, elapsed: float) -> dict[str, Any]:
-    """Where a result comes from: command, time, versions, machine, code."""
+def origin(command: Sequence[str], started: datetime, elapsed: float, packages: Sequence[str] = ()) -> dict[str, Any]:
+    """Where a result comes from: command, time, versions (of more packages, if named), machine, code."""
     return {
         "command": shlex.join(command),
         "started": started.isoformat(timespec="seconds"),
         "duration_s": elapsed,
-        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES},
+        "versions": {"python": platform.python_version()}
+        | {name: package_version(name) for name in (*PACKAGES, *packages)},
         "platform": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),

@@ -110,13 +110,14 @@ def _run_compiled(
 ) -> tuple[int, str]:
     """The compiled closed loop, in pieces so that progress can be shown."""
     p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
+    factor = np.ones_like(B_hat)
     buffers = make_buffers(env.robot)
     done, outcome = 0, RUNNING
     while done < ticks and outcome == RUNNING:
         end = min(done + PIECE, ticks)
         reached, outcome = run(
             env.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, done, end, p, v, obs,
-            B_hat, record,
+            B_hat, factor, record,
         )  # fmt: skip
         progress(reached - done)
         done = reached

@@ -7,7 +7,8 @@ import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sffr_gym.beam import Array
 from sffr_gym.disturbances import Impulses, Sensing, hit, sense
 from sffr_gym.episode import Episode
 from sffr_gym.fleet import Fleet, robot_at
-from sffr_gym.lanes import ONE, WIDTH, columns, gather, in_lanes, take, zeros
+from sffr_gym.lanes import ONE, WIDTH, columns, gather, in_lanes, put, take, zeros
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import MOST_IMPULSES
@@ -33,6 +34,7 @@ from sffr_gym.task import (
 )
 
 THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+N_REFERENCE = len(Reference._fields) - 1  # numbers of a Reference beside its joints
 NEVER = -1  # control period of a blow that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
 
@@ -93,13 +95,14 @@ class Group(NamedTuple):
 
 
 @kernel(allocates=True)
-def make_group(batch, one):
-    """Allocate a group of a batch's environments, of numbers of the kind of ``one``; see :func:`lanes.zeros`."""
+def make_group(robot, one):
+    """Allocate a group of environments, of numbers of the kind of ``one``; see :func:`lanes.zeros`."""
+    n, n_u, n_o = n_positions(robot.model), len(robot.actuators.limit), len(robot.bound)
     return Group(
-        p=zeros(one, batch.p.shape[1]), v=zeros(one, batch.p.shape[1]), reference=zeros(one, batch.reference.shape[1]),
-        joints=zeros(one, batch.joints.shape[1]), wrench=zeros(one, 3), command=zeros(one, batch.applied.shape[1]),
-        t=zeros(one, 1), obs=zeros(one, batch.obs.shape[1]), signals=zeros(one, N_SIGNALS),
-        terms=zeros(one, len(REWARDS)), reward=zeros(one, 1), cost=zeros(one, 1), status=zeros(one, 1),
+        p=zeros(one, n), v=zeros(one, n), reference=zeros(one, N_REFERENCE),
+        joints=zeros(one, len(robot.model.link_mass)), wrench=zeros(one, 3), command=zeros(one, n_u),
+        t=zeros(one, 1), obs=zeros(one, n_o), signals=zeros(one, N_SIGNALS), terms=zeros(one, len(REWARDS)),
+        reward=zeros(one, 1), cost=zeros(one, 1), status=zeros(one, 1),
     )  # fmt: skip
 
 
@@ -108,7 +111,7 @@ def make_batch(robot: Robot, n: int) -> Batch:
     size, n_u, n_o = n_positions(robot.model), len(robot.actuators.limit), len(robot.bound)
     return Batch(
         tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
-        reference=np.zeros((n, len(Reference._fields) - 1)), joints=np.zeros((n, len(robot.model.link_mass))),
+        reference=np.zeros((n, N_REFERENCE)), joints=np.zeros((n, len(robot.model.link_mass))),
         wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)), key=np.zeros(n, dtype=np.int64),
         delay=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
         impulse=np.zeros((n, MOST_IMPULSES, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n),
@@ -152,26 +155,43 @@ def step_batch(fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray) -
         actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
         active: (n,) False leaves an environment as it is.
     """
-    n = len(batch.tick)
-    if len(fleet.numbers) > 1 or n < WIDTH:
-        _in_threads(step_range, fleet, batch, actions, active, 0, n)
-        return
-    rest = n - n % WIDTH
-    _in_threads(step_lanes, fleet, batch, actions, active, 0, rest)
-    if rest < n:
-        step_range(fleet, batch, actions, active, rest, n)
+    share_out(fleet, batch, step_range, step_lanes, (fleet, batch, actions, active), SMALLEST_CHUNK)
 
 
-def _in_threads(
-    step: Callable[..., None], fleet: Fleet, batch: Batch, actions: Array, active: np.ndarray, first: int, last: int
+def share_out(
+    fleet: Fleet,
+    batch: Batch,
+    one_by_one: Callable[..., Any],
+    lanes: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    smallest: int,
 ) -> None:
-    """Share the environments from ``first`` up to ``last`` out to threads."""
-    chunks = min(THREADS, (last - first) // SMALLEST_CHUNK)
+    """Call kernels ``kernel(*arguments, first, last)`` for all environments of a batch.
+
+    Args:
+        fleet: their plants.
+        batch: the environments.
+        one_by_one: kernel for any environments.
+        lanes: kernel that does the same in lanes, for robots that are alike where they fill them.
+        arguments: of the kernels, which release the interpreter's lock.
+        smallest: number of environments that pay for a thread.
+    """
+    n = len(batch.tick)
+    filled = n - n % WIDTH if len(fleet.numbers) == 1 else 0
+    if filled:
+        _in_threads(partial(lanes, *arguments), 0, filled, smallest, WIDTH)
+    if filled < n:
+        _in_threads(partial(one_by_one, *arguments), filled, n, smallest, 1)
+
+
+def _in_threads(advance: Callable[[int, int], Any], first: int, last: int, smallest: int, width: int) -> None:
+    """Call ``advance`` for the environments from ``first`` up to ``last``, cut at multiples of ``width``."""
+    chunks = min(THREADS, (last - first) // smallest)
     if chunks < 2:
-        step(fleet, batch, actions, active, first, last)
+        advance(first, last)
         return
-    ends = [first + (last - first) * chunk // chunks // WIDTH * WIDTH for chunk in range(chunks)] + [last]
-    jobs = [_pool().submit(step, fleet, batch, actions, active, *span) for span in itertools.pairwise(ends)]
+    ends = [first + (last - first) * chunk // chunks // width * width for chunk in range(chunks)] + [last]
+    jobs = [_pool().submit(advance, *span) for span in itertools.pairwise(ends)]
     for job in jobs:
         job.result()
 
@@ -193,74 +213,93 @@ def _step(fleet, batch, actions, active, first, last, one):
     """Advance environments by numbers of the kind of ``one``; see :func:`lanes.zeros`."""
     cursor = np.zeros(2, dtype=np.int64)
     robot = robot_at(fleet, first, cursor)
-    group, buffers, alone = make_group(batch, one), make_buffers(robot, one), make_buffers(robot)
+    group, buffers, alone = make_group(robot, one), make_buffers(robot, one), make_buffers(robot)
     width = columns(group.t).shape[1]
     for i in range(first, last, width):
         if len(fleet.numbers) > 1:  # looking at another robot takes a tenth of a period
             robot = robot_at(fleet, i, cursor)
+        load(batch, i, group)
+        gather(actions, i, group.command)
+        for k in range(len(group.command)):
+            group.command[k] = min(max(group.command[k], -1.0), 1.0) * robot.scale[k]
         for k in range(i, i + width):
             if active[k]:
-                _begin(robot, batch, actions, k)
-        _load(robot, batch, actions, i, group)
-        group.status[0] = control_period(
-            robot, _reference(group.reference, group.joints), group.t[0], group.p, group.v, group.command,
-            group.wrench, buffers, group.obs, group.signals,
-        )  # fmt: skip
-        group.reward[0] = reward_terms(robot, group.signals, group.terms)
-        group.cost[0] = period_cost(group.signals, group.status[0])
+                begin(robot, batch, k, group, k - i)
+                batch.clipped[k] = clipped(actions[k])
+        advance_group(robot, group, buffers)
         for k in range(i, i + width):
             if active[k]:
-                _store(robot, batch, k, group, buffers, k - i, alone)
+                sense_lane(robot, batch, k, group, buffers, k - i, alone)
+                store(batch, k, group, buffers, k - i)
+                batch.reward[k], batch.cost[k] = columns(group.reward)[0, k - i], columns(group.cost)[0, k - i]
+                take(group.terms, k - i, batch.terms[k])
 
 
 @kernel(inline=True)
-def _begin(robot, batch, actions, i):
-    """Count what is clipped of an action, and let environment ``i`` be hit, before its next control period."""
-    batch.clipped[i] = 0
-    for k in range(actions.shape[1]):
-        batch.clipped[i] += abs(actions[i, k]) > 1.0
-    hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
-    batch.tick[i] += 1
+def clipped(action):
+    """How many entries of an action lie beyond [-1, 1]."""
+    count = 0
+    for k in range(len(action)):
+        count += abs(action[k]) > 1.0
+    return count
 
 
 @kernel(inline=True)
-def _load(robot, batch, actions, i, group):
+def load(batch, i, group):
     """Take the environments from ``i`` on into a group."""
     gather(batch.p, i, group.p)
     gather(batch.v, i, group.v)
     gather(batch.reference, i, group.reference)
     gather(batch.joints, i, group.joints)
-    gather(batch.wrench, i, group.wrench)
-    gather(actions, i, group.command)
-    for k in range(len(group.command)):
-        group.command[k] = min(max(group.command[k], -1.0), 1.0) * robot.scale[k]
-    t = columns(group.t)
-    for lane in range(t.shape[1]):
-        t[0, lane] = batch.tick[i + lane] * robot.period
+    gather(batch.obs, i, group.obs)
+    gather(batch.signals, i, group.signals)
 
 
 @kernel(inline=True)
-def _store(robot, batch, i, group, buffers, lane, alone):
-    """Bring a lane of a group back as environment ``i``, and let its sensors see.
+def begin(robot, batch, i, group, lane):
+    """Let the next control period of environment ``i`` begin in a lane of a group, with the blows that fall in it."""
+    hit(Impulses(batch.impulse_tick[i], batch.impulse[i]), batch.tick[i], robot.period, batch.wrench[i])
+    put(batch.wrench[i], group.wrench, lane)
+    batch.tick[i] += 1
+    columns(group.t)[0, lane] = batch.tick[i] * robot.period
 
-    alone: buffers of a single robot.
+
+@kernel(inline=True)
+def advance_group(robot, group, buffers):
+    """Hold the command of a group for one control period, and judge it."""
+    group.status[0] = control_period(
+        robot, _reference(group.reference, group.joints), group.t[0], group.p, group.v, group.command, group.wrench,
+        buffers, group.obs, group.signals,
+    )  # fmt: skip
+    group.reward[0] = reward_terms(robot, group.signals, group.terms)
+    group.cost[0] = period_cost(group.signals, group.status[0])
+
+
+@kernel(inline=True)
+def sense_lane(robot, batch, i, group, buffers, lane, alone):
+    """Turn the true observation of a lane, environment ``i``, into what its sensors see.
+
+    buffers: those of :func:`advance_group`; alone: buffers of a single robot.
     """
+    if columns(group.status)[0, lane] == NOT_FINITE or not (batch.key[i] > 0 or batch.delay[i] > 0):
+        return
+    take(buffers.p, lane, alone.p)
+    take(buffers.v, lane, alone.v)
+    take(group.obs, lane, alone.obs)
+    reference, sensing = _reference(batch.reference[i], batch.joints[i]), _sensing(batch, i)
+    sense(robot, reference, sensing, batch.tick[i], alone.p, alone.v, alone.step.dynamics, alone.obs)
+    put(alone.obs, group.obs, lane)
+
+
+@kernel(inline=True)
+def store(batch, i, group, buffers, lane):
+    """Bring a lane of a group back as environment ``i``."""
     batch.status[i] = int(columns(group.status)[0, lane])
-    batch.cost[i] = columns(group.cost)[0, lane]
     take(group.p, lane, batch.p[i])
     take(group.v, lane, batch.v[i])
-    take(buffers.applied, lane, batch.applied[i])
-    if batch.status[i] == NOT_FINITE:  # the last observation stays
-        return
-    batch.reward[i] = columns(group.reward)[0, lane]
-    take(group.terms, lane, batch.terms[i])
-    take(group.signals, lane, batch.signals[i])
     take(group.obs, lane, batch.obs[i])
-    if batch.key[i] > 0 or batch.delay[i] > 0:
-        take(buffers.p, lane, alone.p)
-        take(buffers.v, lane, alone.v)
-        reference, sensing = _reference(batch.reference[i], batch.joints[i]), _sensing(batch, i)
-        sense(robot, reference, sensing, batch.tick[i], alone.p, alone.v, alone.step.dynamics, batch.obs[i])
+    take(group.signals, lane, batch.signals[i])
+    take(buffers.applied, lane, batch.applied[i])
 
 
 @functools.cache

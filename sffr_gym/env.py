@@ -16,14 +16,13 @@ from sffr_gym.episode import Episode, draw, nominal
 from sffr_gym.fleet import make_fleet
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import Scenario, load_scenario
 from sffr_gym.simulator import Simulator, State
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
-
-_ONE = np.ones(1, dtype=np.bool_)
+ONE = np.ones(1, dtype=np.bool_)  # the single environment of its batch is active
 
 
 class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -146,10 +145,10 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
-        episode = draw(self.scenario, self._nominal, self.np_random)
+        episode = draw(self._distribution(), self._nominal, self.np_random)
         self._take(episode)
-        start_episode(self._fleet, self._batch, 0, episode)
-        return self._batch.obs[0].copy(), self._info()
+        self._start(episode)
+        return self._observed(), self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action for one control period.
@@ -159,12 +158,12 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         ticks = self.ticks
-        action = check_action(action, self.robot.scale.shape)
+        action = check_action(action, self.action_space.shape)
         batch = self._batch
-        step_batch(self._fleet, batch, action[None], _ONE)
+        self._advance(action[None])
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= ticks)
-        return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
+        return self._observed(), float(batch.reward[0]), terminated, truncated, self._info()
 
     @property
     def episode(self) -> Episode:
@@ -219,6 +218,22 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         if state["episode"] is not None:
             self._take(state["episode"])
 
+    def _distribution(self) -> Scenario:
+        """What episodes are drawn from."""
+        return self.scenario
+
+    def _start(self, episode: Episode) -> None:
+        """Put the plant at the start of an episode."""
+        start_episode(self._fleet, self._batch, 0, episode)
+
+    def _advance(self, actions: Array) -> None:
+        """Hold an action (1, n_u)."""
+        step_batch(self._fleet, self._batch, actions, ONE)
+
+    def _observed(self) -> Array:
+        """A copy of what an agent sees now."""
+        return self._batch.obs[0].copy()
+
     def _take(self, episode: Episode) -> None:
         """Make an episode and its plant this one's."""
         self._episode = episode
@@ -255,7 +270,7 @@ def scenario_option(scenario: Any, options: Mapping[str, Any] | None) -> Any:
     return load_scenario(options["scenario"]) if options and "scenario" in options else scenario
 
 
-def check_action(action: Any, shape: tuple[int, ...]) -> Array:
+def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
     """An action as float64; raises ValueError for a wrong shape or NaN."""
     array = np.asarray(action, dtype=np.float64)
     if array.shape != shape:

@@ -177,16 +177,14 @@ def _define_arithmetic() -> None:
         def emit(context: Any, builder: Any, x: Any, y: Any, instruction: str = instruction) -> Any:
             return getattr(builder, instruction)(x, y)
 
-        for function in getattr(operator, name), getattr(operator, f"i{name}"):
-            _define(function, 2, lanes, lanes, emit)
+        _define(getattr(operator, name), 2, lanes, lanes, emit)
+        _define(getattr(operator, f"i{name}"), 2, lanes, lanes, emit)
     for function, symbol in (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="):
         _define(function, 2, lanes, mask, _comparison(symbol))
     _define(operator.eq, 2, lanes, mask, _comparison("=="))
     _define(operator.ne, 2, lanes, mask, lambda context, builder, x, y: builder.fcmp_unordered("!=", x, y))
-    for function in operator.and_, operator.iand:
-        _define(function, 2, mask, mask, lambda context, builder, x, y: builder.and_(x, y))
-    for function in operator.or_, operator.ior:
-        _define(function, 2, mask, mask, lambda context, builder, x, y: builder.or_(x, y))
+    _define(operator.and_, 2, mask, mask, lambda context, builder, x, y: builder.and_(x, y))
+    _define(operator.or_, 2, mask, mask, lambda context, builder, x, y: builder.or_(x, y))
     # As Python's: the first of two that are equal or cannot be compared.
     _define(max, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered(">", y, x), y, x))
     _define(min, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered("<", y, x), y, x))
@@ -345,3 +343,11 @@ def take(source, lane, row):
     numbers = columns(source)
     for k in range(len(row)):
         row[k] = numbers[k, lane]
+
+
+@kernel(inline=True)
+def put(row, target, lane):
+    """Copy a row (k,) into a lane of a vector (k,)."""
+    numbers = columns(target)
+    for k in range(len(row)):
+        numbers[k, lane] = row[k]

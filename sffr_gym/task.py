@@ -90,8 +90,11 @@ class Buffers(NamedTuple):
     tau: Array  # (n,) generalised forces
     applied: Array  # (n_u,) command after the limits
     q_flex: Array  # (3,) quasi-static wrench of the panels
+    energy: Array  # (n_p,) each panel's share of the signal `vibration` [J]
     p: Array  # (n,) state before the period
     v: Array
+    obs: Array  # (n_o,) what was observed and measured before it, kept only where it goes on in another lane
+    signals: Array
 
 
 def make_robot(params: Params) -> Robot:
@@ -135,18 +138,18 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
 @kernel(allocates=True)
 def make_buffers(robot, one=ONE):
     """Allocate the buffers of :func:`control_period` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
-    n, n_u = n_positions(robot.model), len(robot.actuators.limit)
+    n, n_u, n_p = n_positions(robot.model), len(robot.actuators.limit), len(robot.model.panel_root)
     return Buffers(
-        step_workspace(robot.model, one), zeros(one, n), zeros(one, n_u), zeros(one, 3), zeros(one, n), zeros(one, n)
-    )
+        step_workspace(robot.model, one), zeros(one, n), zeros(one, n_u), zeros(one, 3), zeros(one, n_p), zeros(one, n),
+        zeros(one, n), zeros(one, len(robot.bound)), zeros(one, N_SIGNALS),
+    )  # fmt: skip
 
 
 @kernel(inline=True)
 def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
-    A state that is not finite is not returned: ``p, v`` go back to what they were, and observation and signals are not
-    to be used.
+    A state that is not finite is not returned: ``p, v`` go back to what they were, observation and signals stay.
 
     command: (n_u,) piezo volts, base thrust, joint torques, before the limits.
     wrench: (3,) force of the surroundings on the base [N, N, N m], base axes.
@@ -161,18 +164,27 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     for k in range(N_BASE):
         buffers.tau[k] += wrench[k]
     advance(robot.model, p, v, buffers.tau, robot.period, robot.steps, robot.integrator, buffers.step)
-    finite = isfinite(p[0])
+    lost = 0.0
     for k in range(len(p)):
-        finite = finite & isfinite(p[k]) & isfinite(v[k])
-    for k in range(len(p)):
-        p[k], v[k] = where(finite, p[k], buffers.p[k]), where(finite, v[k], buffers.v[k])
-    if not any_lane(finite):
-        return where(finite, RUNNING, NOT_FINITE)
+        lost = where(isfinite(p[k]) & isfinite(v[k]), lost, 1.0)
+    if any_lane(lost > 0.0):
+        for k in range(len(p)):
+            p[k], v[k] = where(lost > 0.0, buffers.p[k], p[k]), where(lost > 0.0, buffers.v[k], v[k])
+        if not any_lane(lost == 0.0):
+            return where(lost > 0.0, NOT_FINITE, RUNNING)
+        assign(buffers.obs, obs)
+        assign(buffers.signals, signals)
     want = desired(reference, t_end)
     observe(robot, reference, want, p, v, buffers.step.dynamics, obs, False)
     _measure_state(robot, reference, want, p, v, buffers, signals)
     _measure_effort(robot, buffers, signals)
-    return where(finite, _status(robot, p, v, obs, buffers), NOT_FINITE)
+    status = _status(robot, p, v, obs, buffers)
+    if any_lane(lost > 0.0):
+        for k in range(len(obs)):
+            obs[k] = where(lost > 0.0, buffers.obs[k], obs[k])
+        for k in range(len(signals)):
+            signals[k] = where(lost > 0.0, buffers.signals[k], signals[k])
+    return where(lost > 0.0, NOT_FINITE, status)
 
 
 @kernel(inline=True)
@@ -232,7 +244,7 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
     else:
         signals[ERROR] = _length(want.x - p[0], want.y - p[1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.yaw - p[2]))
-    energy = tip = 0.0
+    signals[VIBRATION] = tip = 0.0
     fx = fy = moment = 0.0
     ch, sh, turn2 = cos(want.heading), sin(want.heading), want.turn * want.turn
     bx, by = ch * reference.base_x - sh * reference.base_y, sh * reference.base_x + ch * reference.base_y
@@ -249,11 +261,14 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         across = c * ay - s * ax
         at = start + i * n_m
         first_x, first_y = model.panel_inertia[i, 1], 0.0
+        energy = 0.0
         for m in range(model.n_axial, n_m):
             shape = -model.translation[i, m] * across / model.omega2[i, m]  # quasi-static amplitude
             first_y += model.translation[i, m] * shape
             deflection = p[at + m] - shape
             energy += 0.5 * (v[at + m] * v[at + m] + model.omega2[i, m] * deflection * deflection)
+        buffers.energy[i] = energy
+        signals[VIBRATION] += energy
         tip = max(tip, _tip(robot, i, p, at))
         first_x, first_y = c * first_x - s * first_y, s * first_x + c * first_y
         mass = model.panel_inertia[i, 0]
@@ -261,7 +276,6 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         fx -= gx
         fy -= gy
         moment -= rx * gy - ry * gx + first_x * ay - first_y * ax
-    signals[VIBRATION] = energy
     signals[TIP] = tip
     buffers.q_flex[0], buffers.q_flex[1], buffers.q_flex[2] = fx, fy, moment
 

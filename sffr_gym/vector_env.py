@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,13 +16,14 @@ from gymnasium.vector.utils import batch_space
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
-from sffr_gym.episode import draw, nominal
+from sffr_gym.episode import Episode, draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import Scenario, load_scenario
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 Mask = np.ndarray
 Infos = dict[str, Any]
+STATE = ("scenario", "_fleet", "_batch", "_rngs", "_drawn", "_ticks", "_done", "_seeded")
 
 
 class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -99,7 +101,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.scenario = scenario_option(self.scenario, options)
         self._seed(seed, mask)
         self._restart(mask)
-        return self._batch.obs.copy(), self._infos(mask)
+        return self._observed(), self._infos(mask)
 
     def step(self, actions: Any) -> tuple[Array, Array, Mask, Mask, Infos]:
         """Hold one action (n, 15) for each environment for one control period.
@@ -110,18 +112,18 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._ticks.all():
             raise gym.error.ResetNeeded("call reset for every environment before step")
-        actions = check_action(actions, (self.num_envs, *self.robot.scale.shape))
+        actions = check_action(actions, self.action_space.shape)
         again = self._done & (self.autoreset_mode == AutoresetMode.NEXT_STEP)
         if (self._done & ~again).any():
             finished = np.flatnonzero(self._done).tolist()
             raise gym.error.ResetNeeded(f"environments {finished} are done: reset them with options['reset_mask']")
-        step_batch(self._fleet, self._batch, actions, ~again)
+        self._advance(actions, ~again)
         if again.any():
             self._restart(again)
         terminated = self._batch.status != RUNNING
         truncated = self._batch.tick >= self._ticks
         infos = self._infos(self._all)
-        obs, reward = self._batch.obs.copy(), self._batch.reward.copy()
+        obs, reward = self._observed(), self._batch.reward.copy()
         self._done = terminated | truncated
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             last, final = self._done.copy(), infos
@@ -133,20 +135,46 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "final_info": _masked(final, last),
                 "_final_info": last.copy(),
             }
-            obs = self._batch.obs.copy()
+            obs = self._observed()
         return obs, reward, terminated, truncated, infos
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
+        return copy.deepcopy({name: getattr(self, name) for name in STATE})
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        for name in STATE:
+            setattr(self, name, copy.deepcopy(state[name]))
+
+    def _distribution(self) -> Scenario:
+        """What episodes are drawn from."""
+        return self.scenario
+
+    def _start(self, i: int, episode: Episode) -> None:
+        """Put environment ``i`` at the start of an episode."""
+        start_episode(self._fleet, self._batch, i, episode)
+
+    def _advance(self, actions: Array, active: Mask) -> None:
+        """Hold the actions (n, n_u) in the active environments."""
+        step_batch(self._fleet, self._batch, actions, active)
+
+    def _observed(self) -> Array:
+        """A copy of what agents see now."""
+        return self._batch.obs.copy()
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""
         for _, has in self._drawn.values():
             has[mask] = False
-        if self.scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
+        scenario = self._distribution()
+        if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.robot, self.num_envs)  # until here all were alike
         for i in np.flatnonzero(mask):
-            episode = draw(self.scenario, self._nominal, self._rngs[i])
+            episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
                 put_robot(self._fleet, int(i), episode_robot(self.robot, episode))
-            start_episode(self._fleet, self._batch, int(i), episode)
+            self._start(int(i), episode)
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True

@@ -56,7 +56,7 @@ def assert_healthy(env, outputs):
         assert env.observation_space.contains(obs)
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("made", [True, False])
 def test_gymnasium_checker_is_silent(scenario, made):
     """Gymnasium's checker finds nothing and warns of nothing, registered or bare."""
@@ -66,7 +66,7 @@ def test_gymnasium_checker_is_silent(scenario, made):
         check_env(env, skip_render_check=not made)  # it asks for a spec before it tries render modes
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("made", [True, False])
 def test_stable_baselines3_checker_is_silent(scenario, made):
     """The checker of Stable-Baselines3 finds nothing and warns of nothing, registered or bare."""
@@ -101,7 +101,7 @@ def test_spec_survives_json():
     assert_same(env.reset(seed=5), again.reset(seed=5))
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 def test_seeded_rollouts_are_identical(scenario):
     """Two environments with one seed and the same actions return the same bits; numpy's global state is not touched."""
     before = pickle.dumps(np.random.get_state())  # noqa: NPY002 (it must not be used)

@@ -18,7 +18,7 @@ from rich.text import Text
 from agents.benchmark.compare import common_episodes
 from agents.benchmark.episodes import Plan, default_jobs
 from agents.benchmark.page import PAGE, ranked, show, signed
-from agents.benchmark.run import BASELINES, SUITE_EPISODES, run_benchmark
+from agents.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from agents.benchmark.standings import Standings, standings
 from agents.benchmark.tuning import EPISODES, EVALUATIONS, SCENARIO, tune_hsc, write_damping
 from agents.display import COMPILING
@@ -53,7 +53,11 @@ def add_commands(app: typer.Typer) -> None:
 def benchmark_command(
     policies: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[POLICY...]", help="Policies to run.", show_default=" ".join(BASELINES)),
+        typer.Argument(
+            metavar="[POLICY...]",
+            help="Policies to run, or .npz files of learned ones.",
+            show_default=" ".join(default_policies()),
+        ),
     ] = None,
     scenarios: Annotated[
         list[str] | None,
@@ -100,7 +104,7 @@ def benchmark_command(
             notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
             figures = False
         plan = Plan(
-            tuple(policies or BASELINES), tuple(scenarios or scenario_names()), episodes, seed,
+            tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
             resolve_params(params, overrides or []),
         )  # fmt: skip
         try:
