@@ -25,9 +25,11 @@ from sffr_gym.env import SFFRFlexEnv
 
 
 @pytest.mark.parametrize("algo", CONFIGS)
-@pytest.mark.parametrize("per_panel", [True, False])
-def test_export_decides_as_torch_does(algo, per_panel, tmp_path):
-    config = small(algo, f"network.per_panel={str(per_panel).lower()}")
+@pytest.mark.parametrize(
+    "change", ["network.per_panel=false", "network.per_panel=true", "learning.energy_scaling=false"]
+)
+def test_export_decides_as_torch_does(algo, change, tmp_path):
+    config = small(algo, change)
     model, env = make_model(config, seed=0)
     model.learn(config.steps)
     file = tmp_path / "policy.npz"
@@ -42,7 +44,7 @@ def test_export_decides_as_torch_does(algo, per_panel, tmp_path):
 def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
     with torch.no_grad():
-        model.policy.action_net.weight *= 100.0  # else it hardly acts
+        model.policy.action_net[0].weight *= 100.0  # else it hardly acts
     schedule = schedule_of(model, env.unwrapped.env, {})
     bare, damping = SFFRFlexEnv(scenario="excited"), SFFRFlexDampingEnv(duration=1.0, random_phase=False)
     bare.scenario = damping._distribution()
