@@ -1,55 +1,30 @@
-"""Trainings: the same seed gives the same weights, a killed one goes on as if nothing had happened, policies export."""
+"""Trainings: the same seed gives the same weights, and a killed one goes on as if nothing had happened."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import PPO
+from small_training import PPO_SMALL, assert_same, small, weights
 from typer.testing import CliRunner
 
 from agents.cli import app
-from agents.learned import load_schedule, save_schedule
 from agents.learning import energy_scaling
 from agents.learning.algorithms import make_model
+from agents.learning.checkpoint import load_checkpoint, save_checkpoint
 from agents.learning.config import CONFIGS, load_config
-from agents.learning.export import export_run, export_zip, network_of, schedule_of
-from agents.learning.folder import BEST, CHECKPOINTS, LAST, PROGRESS
+from agents.learning.folder import CHECKPOINTS, PROGRESS
+from agents.learning.log import CsvTable
 from agents.learning.train import resume, train
-from agents.residual_env import SFFRFlexDampingEnv
-from baselines import make_policy
-from baselines.rollout import rollout
 from sffr_gym import ConfigError
-from sffr_gym.env import SFFRFlexEnv
 
-SMALL = [
-    "n_envs=2", "environment.duration=1.0", "network.hidden=[8, 8]", "validation.scenarios=[nominal]",
-    "validation.duration=0.2", "validation.every=150", "checkpoints.every=64",
-]  # fmt: skip
-PPO_SMALL = [*SMALL, "steps=200", "learning.n_steps=8", "learning.batch_size=16", "learning.n_epochs=2"]
-REPLAY_SMALL = [
-    *SMALL, "steps=160", "learning.learning_starts=40", "learning.batch_size=16", "learning.buffer_size=500",
-]  # fmt: skip
-CONTRIB = {"tqc", "crossq"}
-
-
-def small(algo):
-    if algo in CONTRIB:
-        pytest.importorskip("sb3_contrib")
-    return load_config(algo, PPO_SMALL if algo == "ppo" else REPLAY_SMALL)
-
-
-def weights(folder):
-    last = sorted((folder / CHECKPOINTS).glob("[0-9]*"))[-1]
-    return torch.load(last / "weights.pt", weights_only=True)["parameters"]["policy"]
-
-
-def assert_same(first, second):
-    assert first.keys() == second.keys()
-    for name, tensor in first.items():
-        assert torch.equal(tensor, second[name]), name
+ROOT = Path(__file__).parents[1]
 
 
 class Killed(Exception):
@@ -78,6 +53,29 @@ def test_killed_training_goes_on_as_if_nothing_had_happened(algo, tmp_path):
     assert steps[0] == steps[1]
 
 
+def test_training_killed_at_any_moment_goes_on(tmp_path):
+    """A process that is killed without warning leaves a folder from which --resume ends with the same weights."""
+    settings = [*PPO_SMALL, "steps=100000", "checkpoints.every=16", "learning.final_learning_rate=1.0e-3"]
+    changes = [part for setting in settings for part in ("--set", setting)]
+    command = [sys.executable, "-m", "agents.cli", "train", "--seed", "3", *changes, "-o", str(tmp_path / "killed")]
+    running = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
+    while len(list((tmp_path / "killed" / CHECKPOINTS).glob("00*"))) < 2:
+        assert running.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.3)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    kept = tmp_path / "killed" / "train.json"
+    begun = json.loads(kept.read_text())
+    last = sorted((tmp_path / "killed" / CHECKPOINTS).glob("00*"))[-1]
+    steps = json.loads((last / "state.json").read_text())["notes"]["saved"] + 100
+    begun["config"]["steps"] = steps  # not the whole way
+    kept.write_text(json.dumps(begun))
+    resume(tmp_path / "killed")
+    train(load_config("ppo", [*settings, f"steps={steps}"]), 3, tmp_path / "whole")
+    assert_same(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
+
+
 def test_killed_before_the_first_checkpoint_begins_anew(tmp_path):
     config = small("ppo")
     with pytest.raises(Killed):
@@ -93,98 +91,6 @@ def test_other_seed_gives_other_weights(tmp_path):
         train(config, seed, tmp_path / str(seed))
     first, second = (weights(tmp_path / str(seed)) for seed in (1, 2))
     assert any(not torch.equal(first[name], second[name]) for name in first)
-
-
-@pytest.mark.parametrize("algo", CONFIGS)
-@pytest.mark.parametrize("per_panel", [True, False])
-def test_export_decides_as_torch_does(algo, per_panel, tmp_path):
-    changes = [*(PPO_SMALL if algo == "ppo" else REPLAY_SMALL), f"network.per_panel={str(per_panel).lower()}"]
-    small(algo)
-    config = load_config(algo, changes)
-    model, env = make_model(config, seed=0)
-    model.learn(config.steps)
-    file = tmp_path / "policy.npz"
-    save_schedule(file, schedule_of(model, env.unwrapped.env, {"seed": 0}))
-    schedule = load_schedule(file)
-    rng = np.random.default_rng(0)
-    obs = rng.uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
-    expected, _ = model.predict(obs.reshape(-1, *model.observation_space.shape), deterministic=True)
-    np.testing.assert_allclose(schedule.predict(obs)[0], expected.reshape(50, 4), atol=1e-6)
-
-
-def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
-    model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
-    with torch.no_grad():
-        model.policy.action_net.weight *= 100.0  # else it hardly acts
-    schedule = schedule_of(model, env.unwrapped.env, {})
-    bare, damping = SFFRFlexEnv(scenario="excited"), SFFRFlexDampingEnv(duration=1.0, random_phase=False)
-    bare.scenario = damping._distribution()
-    policy = schedule.policy(bare.params)
-    compiled = rollout(bare, policy, seed=4)
-    obs, _ = damping.reset(seed=4)
-    for k in range(10):
-        actions, _ = schedule.predict(obs)
-        assert np.abs(actions).max() > 0.1
-        obs, *_, info = damping.step(actions)
-        assert info["vibration"] == pytest.approx(compiled.signals[50 * k + 49, 2], rel=1e-5)
-    seen, _ = bare.reset(seed=4)
-    policy.reset()
-    for k in range(120):  # through the interface, step by step
-        seen, *_, info = bare.step(policy(seen))
-        assert info["vibration"] == pytest.approx(compiled.signals[k, 2], rel=1e-12)
-
-
-def test_policies_run_without_torch(tmp_path):
-    model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
-    file = tmp_path / "policy.npz"
-    save_schedule(file, schedule_of(model, env.unwrapped.env, {}))
-    code = f"""
-import pathlib, sys
-sys.modules["torch"] = sys.modules["stable_baselines3"] = None
-from typer.testing import CliRunner
-from agents.cli import app
-from agents.learned import load_schedule
-load_schedule({str(file)!r}).predict([0.0] * 14)
-scenario = {str(tmp_path / "short.yaml")!r}
-pathlib.Path(scenario).write_text("name: short\\ndescription: short\\nduration: 0.5\\n")
-out = {str(tmp_path / "run")!r}
-result = CliRunner().invoke(app, ["evaluate", {str(file)!r}, "ahsc", "-s", scenario, "--no-figures", "-o", out])
-sys.exit(result.exit_code)
-"""
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
-    assert set(json.loads((tmp_path / "run" / "summary.json").read_text())["policies"]) == {"policy", "ahsc"}
-
-
-def test_run_folder_and_zip_export_the_same_policy(tmp_path):
-    config = small("ppo")
-    train(config, 0, tmp_path / "run")
-    export_run(tmp_path / "run", tmp_path / "run.npz")
-    assert {BEST, LAST, PROGRESS} <= {path.name for path in (tmp_path / "run").iterdir()}
-    model, _ = make_model(config, seed=1)
-    model.save(tmp_path / "model.zip")
-    for trust in (False, True):
-        export_zip(tmp_path / "model.zip", config, tmp_path / "zip.npz", trust)
-        obs = np.linspace(-1.0, 1.0, 14)
-        np.testing.assert_allclose(
-            load_schedule(tmp_path / "zip.npz").predict(obs)[0],
-            np.clip(network_of(model)(obs.reshape(2, 7)).ravel(), -1.0, 1.0),
-            atol=1e-6,
-        )
-
-
-class Bomb:
-    def __reduce__(self):
-        return (exec, ("raise SystemExit('code of a file was run')",))
-
-
-def test_a_zips_code_is_not_run(tmp_path):
-    config = small("ppo")
-    model, _ = make_model(config, seed=1)
-    model.bomb = Bomb()
-    model.save(tmp_path / "model.zip")
-    export_zip(tmp_path / "model.zip", config, tmp_path / "zip.npz")
-    with pytest.raises(SystemExit, match="code of a file"):
-        PPO.load(tmp_path / "model.zip")
 
 
 @pytest.mark.parametrize("seed", [-1, 900_000, 1_000_000])
@@ -231,4 +137,54 @@ def test_advantages_count_alike_at_any_amplitude():
         buffer.compute_returns_and_advantage(torch.tensor([size**2]), np.zeros(1))
         results.append(buffer.advantages)
     np.testing.assert_allclose(results[0], results[1], rtol=1e-3)
-    assert make_policy("ahsc", env.unwrapped.env.params).law.schedule.hold == 0
+
+
+def test_replay_counts_alike_at_any_amplitude():
+    """Rewards per energy, and discounts that follow the energy: q = r / E + gamma E' / E q'."""
+    _, env = make_model(small("sac"), seed=0)
+    obs, after = np.zeros((1, 7), np.float32), np.zeros((1, 7), np.float32)
+    obs[:, 4], after[:, 4] = 1.0, 0.5  # log10 of the root of the energy: 100, and then 10
+    buffer = energy_scaling.EnergyReplayBuffer(
+        1, env.observation_space, env.action_space, device="cpu", n_envs=1, gamma=0.9
+    )
+    buffer.add(obs, after, np.zeros((1, 2)), np.array([-50.0]), np.zeros(1), [{}])
+    samples = buffer.sample(3)
+    floor = energy_scaling.FLOOR
+    np.testing.assert_allclose(samples.rewards, -50.0 / (100.0 + floor), rtol=1e-5)
+    np.testing.assert_allclose(samples.discounts, 0.9 * (10.0 + floor) / (100.0 + floor), rtol=1e-5)
+
+
+def test_table_goes_on_after_a_kill_in_the_middle_of_a_row(tmp_path):
+    file = tmp_path / PROGRESS
+    table = CsvTable(file)
+    for step in (8, 16, 24):
+        table.write({"loss": 0.5 * step}, {}, step)
+    file.write_text(file.read_text() + "1")  # the beginning of 128
+    table = CsvTable(file, steps=16)
+    table.write({"loss": 1.0, "score": 2.0}, {}, 24)
+    table.write({"loss": 3.0, "score": 4.0}, {}, 32)
+    assert file.read_text().splitlines() == ["steps,loss,score", "8,4.0,", "16,8.0,", "24,1.0,2.0", "32,3.0,4.0"]
+
+
+def test_checkpoint_is_whole_or_not_there(tmp_path, monkeypatch):
+    """A process that dies while it writes one leaves the one before, even of the same step."""
+    model, env = make_model(small("ppo"), seed=0)
+    save_checkpoint(tmp_path, model, env, {"number": 1}, keep=1)
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr("agents.learning.checkpoint.os.fsync", die)
+        save_checkpoint(tmp_path, model, env, {"number": 2}, keep=1)
+    assert load_checkpoint(tmp_path, model, env) == {"number": 1}
+    save_checkpoint(tmp_path, model, env, {"number": 3}, keep=1)
+    assert load_checkpoint(tmp_path, model, env) == {"number": 3}
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def die(*_):
+    raise OSError
+
+
+@pytest.mark.parametrize("arguments", [["train"], ["export", "run"], ["tune", "ppo"]])
+def test_what_is_not_installed_is_named(arguments, monkeypatch):
+    monkeypatch.setattr("agents.learning.commands.find_spec", lambda name: None if name == "torch" else name)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2 and "torch not installed: pip install 'sffr-gym[agents" in result.output

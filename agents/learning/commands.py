@@ -20,7 +20,7 @@ from agents.evaluate import number
 from agents.learning.config import CONFIGS, VALIDATION_SEED, load_config
 from agents.learning.tune_config import load_tune
 from agents.user_errors import user_errors
-from sffr_gym import ConfigError
+from sffr_gym import ConfigError, load_params
 from sffr_gym._jit import is_compiled
 
 _Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
@@ -31,6 +31,8 @@ def add_commands(app: typer.Typer) -> None:
     app.command("train")(train_command)
     app.command("export", no_args_is_help=True)(export_command)
     app.command("tune", no_args_is_help=True)(tune_command)
+    app.command("curves", no_args_is_help=True)(curves_command)
+    app.command("phase", no_args_is_help=True)(phase_command)
 
 
 class TrainingDisplay:
@@ -207,9 +209,54 @@ def tune_command(
     console.print(f"{folder / BEST_CONFIG}", markup=False, soft_wrap=True)
 
 
+def curves_command(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run folders of sffr train, of any seeds and algorithms.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Picture.")] = Path("learning.png"),
+) -> None:
+    """Draw learning curves over training seeds, and print where they end."""
+    with user_errors():
+        _require("matplotlib")
+        from agents.learning.figures import by_algorithm, learning_curves, read_curve, save_figure
+
+        groups = by_algorithm([read_curve(folder) for folder in runs])
+        save_figure(lambda: learning_curves(groups), out)
+    console = Console(highlight=False)
+    for algo, curves in groups.items():
+        minutes = max(curve.seconds[-1] for curve in curves) / 60.0
+        ends = "; ".join(
+            f"{name} {', '.join(number(float(curve.vibration[name][-1])) for curve in curves)}"
+            for name in curves[0].vibration
+        )
+        console.print(
+            f"{algo}, seeds {', '.join(str(curve.seed) for curve in curves)}, {curves[0].steps[-1]:,.0f} steps in at "
+            f"most {number(minutes)} min: vibration / AHSC's {ends}", soft_wrap=True,
+        )  # fmt: skip
+    console.print(str(out), markup=False, soft_wrap=True)
+
+
+def phase_command(
+    policy: Annotated[str, typer.Argument(metavar="POLICY", help="Shipped learned policy, or an .npz file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Picture.")] = Path("phase.png"),
+) -> None:
+    """Draw what a learned policy does: its damping against the phase of a panel's swing, and an episode with it."""
+    with user_errors():
+        _require("matplotlib")
+        from agents.learned import load_schedule, policy_file
+        from agents.learning.figures import save_figure, schedule_figure
+
+        file = policy_file(policy)
+        if file is None:
+            raise ConfigError(f"{policy}: is neither a shipped learned policy nor an .npz file")
+        schedule, params = load_schedule(file), load_params()
+        save_figure(lambda: schedule_figure(schedule, params), out)
+    Console(highlight=False).print(str(out), markup=False, soft_wrap=True)
+
+
 def _require(*packages: str) -> None:
     """Say what is missing before anything else fails."""
     missing = [package for package in packages if find_spec(package) is None]
     if missing:
-        extras = "agents,tune" if "optuna" in packages else "agents"
+        extras = {"optuna": "agents,tune", "matplotlib": "plot"}.get(packages[-1], "agents")
         raise ConfigError(f"{' and '.join(missing)} not installed: pip install 'sffr-gym[{extras}]'")

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.buffers import ReplayBuffer, RolloutBuffer
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.type_aliases import ReplayBufferSamples, Schedule
 
 from baselines.schedule import LOG_AMPLITUDE, N_FEATURES
 
@@ -28,7 +28,15 @@ def energy(obs: Any) -> Any:
 
 
 class EnergyPolicy(ActorCriticPolicy):
-    """Actor and critic, whose critic gives values per unit of energy."""
+    """Actor and critic, whose critic gives values per unit of energy.
+
+    The mean of the actions goes through tanh: the best schedules jump between the bounds, and a mean that wanders off
+    beyond a bound tries nothing else any more.
+    """
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        super()._build(lr_schedule)
+        self.action_net = torch.nn.Sequential(self.action_net, torch.nn.Tanh())
 
     def forward(
         self, obs: torch.Tensor, deterministic: bool = False

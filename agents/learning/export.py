@@ -56,7 +56,8 @@ def network_of(model: Any) -> Network:
     """
     policy = model.policy
     if hasattr(policy, "mlp_extractor"):
-        return _layers([*policy.mlp_extractor.policy_net, policy.action_net])
+        head = policy.action_net if isinstance(policy.action_net, nn.Sequential) else [policy.action_net]
+        return _layers([*policy.mlp_extractor.policy_net, *head])
     actor = policy.actor
     if isinstance(actor.mu, nn.Sequential):  # TD3
         return _layers(actor.mu)
