@@ -107,7 +107,7 @@ def evaluate(
     started, clock = datetime.now(UTC), time.perf_counter()
     progress = progress or (lambda policy, done, total: None)
     resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
-    runners = _make_policies(with_right_models(policies, chosen), resolved)
+    runners = make_policies(with_right_models(policies, chosen), resolved)
     if seed < 0:
         raise ConfigError(f"seed = {seed}: must be at least 0")
     if episodes is not None and episodes < 1:
@@ -125,7 +125,7 @@ def evaluate(
         for i in range(episodes):
             begun = ends[-1] * k + ends[i]
             progress(policy.name, begun, total)
-            trajectory = rollout(env, policy, seed + i, _counter(progress, policy.name, begun, total))
+            trajectory = rollout(env, policy, seed + i, counter(progress, policy.name, begun, total))
             first.setdefault(policy.name, trajectory)
             results[policy.name].append(result_of(trajectory))
     progress(runners[-1].name, total, total)
@@ -218,7 +218,7 @@ def number(value: float) -> str:
     return f"{value:.{max(0, 2 - floor(log10(abs(value))))}f}"
 
 
-def _counter(progress: Report, policy: str, begun: int, total: int) -> Callable[[int], None]:
+def counter(progress: Report, policy: str, begun: int, total: int) -> Callable[[int], None]:
     """Turn the increments of an episode into the progress of the whole evaluation."""
     done = begun
 
@@ -230,7 +230,7 @@ def _counter(progress: Report, policy: str, begun: int, total: int) -> Callable[
     return count
 
 
-def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
+def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
     """Build the policies; raises ConfigError if there is none, for an unknown one and for one that is given twice."""
     if not names:
         raise ConfigError("no policy given")

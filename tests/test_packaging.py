@@ -27,6 +27,7 @@ HEAVY = [
     "stable_baselines3",
     "sb3_contrib",
     "matplotlib",
+    "PIL",
     "pygame",
     "av",
     "optuna",
