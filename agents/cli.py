@@ -20,6 +20,7 @@ from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, number, remarks, table
 from agents.figures import save_figures
+from agents.report.commands import add_commands as add_report_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
@@ -113,7 +114,8 @@ def evaluate_command(
         tables.print(line, style="dim", markup=False)
     if figures:
         written += _draw(out, evaluation, notes)
-    tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
+    names = (path.relative_to(out).as_posix() for path in written)
+    tables.print(f"\n{out}: {', '.join(names)}", markup=False, soft_wrap=True)
 
 
 def _draw(out: Path, evaluation: Evaluation, notes: Console) -> list[Path]:
@@ -258,6 +260,7 @@ def animate_command(
 
 add_speed_commands(app)
 add_benchmark_commands(app)
+add_report_commands(app)
 
 if __name__ == "__main__":
     app()

@@ -165,7 +165,7 @@ def table(evaluation: Evaluation, width: int = 100) -> Table:
     columns: list[dict[str, str]] = []
     for name, heading, always in COLUMNS:
         if always or width >= WIDE:
-            unit, scale = _unit(MEASURES[name], max(abs(means[policy][name]) for policy in whole))
+            unit, scale = unit_for(MEASURES[name], max(abs(means[policy][name]) for policy in whole))
             out.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
             columns.append({policy: number(means[policy][name] / scale) for policy in results})
     for name, heading in ("vibration", "vibr.\nratio"), ("track_rmse", "track\nratio"):
@@ -218,6 +218,13 @@ def number(value: float) -> str:
     return f"{value:.{max(0, 2 - floor(log10(abs(value))))}f}"
 
 
+def unit_for(unit: str, largest: float) -> tuple[str, float]:
+    """The unit with the SI prefix that suits a column's largest value, and how many of the plain one it is."""
+    power = floor(log10(largest) / 3) if unit in PREFIXES and 0.0 < largest < inf else 0
+    power = min(0, max(power, min(SMALL)))
+    return SMALL[power] + unit.replace("2", "²"), 1000.0**power
+
+
 def counter(progress: Report, policy: str, begun: int, total: int) -> Callable[[int], None]:
     """Turn the increments of an episode into the progress of the whole evaluation."""
     done = begun
@@ -257,10 +264,3 @@ def _span(evaluation: Evaluation) -> str:
     if scenario.duration is None and scenario.speed is not None:
         return "once around"
     return f"of {scenario.ticks(params) * params.control.period:.4g} s"
-
-
-def _unit(unit: str, largest: float) -> tuple[str, float]:
-    """The unit with the SI prefix that suits a column's largest value, and how many of the plain one it is."""
-    power = floor(log10(largest) / 3) if unit in PREFIXES and 0.0 < largest < inf else 0
-    power = min(0, max(power, min(SMALL)))
-    return SMALL[power] + unit.replace("2", "²"), 1000.0**power

@@ -1,8 +1,12 @@
-"""Where arms, panels and tips are in a state ``p`` of the plant, for pictures; laid out as ``model`` says."""
+"""Where arms, panels and tips are in a state ``p`` of the plant, and how long forces are drawn, for pictures.
+
+States are laid out as :mod:`sffr_gym.model` says.
+"""
 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +17,14 @@ from sffr_gym.params import Params
 from sffr_gym.reference import Reference
 
 CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])  # of a square of side 2
+
+
+class Scales(NamedTuple):
+    """Lengths of forces: newtons for a metre of plume, and of grasp arrow; and the piezos' voltage limit."""
+
+    thrust: float
+    grasp: float
+    volts: float
 
 
 def arm_line(model: Model, p: Array, arm: int) -> Array:
@@ -27,7 +39,7 @@ def arm_line(model: Model, p: Array, arm: int) -> Array:
 
 def panel_line(model: Model, params: Params, p: Array, panel: int, factor: float = 1.0, points: int = 24) -> Array:
     """A panel's centre line from root to tip (about ``points``, 2) [m], inertial axes, deflections times ``factor``."""
-    x, U, W = _panel_shapes(params.panel.length, params.panel.elements, points)
+    x, U, W = panel_shapes(params.panel.length, params.panel.elements, points)
     q_f = nodal(model, p[mode_slice(model)])[panel]
     local = np.column_stack([x + U @ q_f, factor * (W @ q_f)])
     return place_in_panel(model, p, panel, local)
@@ -76,8 +88,17 @@ def in_base_axes(model: Model, p: Array) -> Array:
     return seen
 
 
+def force_scales(params: Params, model: Model) -> Scales:
+    """Scales at which a metre stands for what the path asks: of the thrusters, and of both grippers together."""
+    curve = params.path.speed**2 / params.path.radius
+    mass = float(model.base_mass + model.link_mass.sum() + model.panel_inertia[:, 0].sum())
+    return Scales(
+        (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve, params.actuators.piezo.voltage
+    )
+
+
 @functools.lru_cache(maxsize=16)
-def _panel_shapes(length: float, elements: int, points: int) -> tuple[Array, Array, Array]:
+def panel_shapes(length: float, elements: int, points: int) -> tuple[Array, Array, Array]:
     """Places (k,) [m] along a panel, and axial and transverse displacement (k, n_f) there for unit nodal ones."""
     step, each = length / elements, max(points // elements, 2)
     k, n_f = elements * each + 1, N_TIP * elements

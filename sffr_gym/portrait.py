@@ -55,23 +55,6 @@ class View(NamedTuple):
         return placed
 
 
-class Scales(NamedTuple):
-    """Lengths of forces: newtons for a metre of plume, and of grasp arrow; and the piezos' voltage limit."""
-
-    thrust: float
-    grasp: float
-    volts: float
-
-
-def force_scales(params: Params, model: Model) -> Scales:
-    """Scales at which a metre stands for what the path asks: of the thrusters, and of both grippers together."""
-    curve = params.path.speed**2 / params.path.radius
-    mass = float(model.base_mass + model.link_mass.sum() + model.panel_inertia[:, 0].sum())
-    return Scales(
-        (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve, params.actuators.piezo.voltage
-    )
-
-
 def draw_panel(
     canvas: Canvas, view: View, model: Model, params: Params, p: Array, panel: int, factor: float, volts: Array
 ) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from sffr_gym import strip
 from sffr_gym.beam import Array
 from sffr_gym.canvas import Canvas, Colour
-from sffr_gym.geometry import resting_amplitudes, tip_deflections
+from sffr_gym.geometry import force_scales, resting_amplitudes, tip_deflections
 from sffr_gym.model import N_BASE, Model, mode_slice, object_slice
 from sffr_gym.params import Params
 from sffr_gym.portrait import (
@@ -25,7 +25,6 @@ from sffr_gym.portrait import (
     draw_plumes,
     draw_rest,
     draw_swing,
-    force_scales,
     voltage_colour,
 )
 from sffr_gym.reference import Reference
