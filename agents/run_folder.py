@@ -63,7 +63,10 @@ def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> l
         The files, in the order in which they were written.
     """
     (folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
-    for stale in *(folder / name for name in (SUMMARY, *FIGURES)), *recording_files(folder):  # of a run that is replaced
+    for stale in (
+        *(folder / name for name in (SUMMARY, *FIGURES)),
+        *recording_files(folder),
+    ):  # of a run that is replaced
         stale.unlink(missing_ok=True)
     texts = {
         EPISODES: episodes_csv([result for results in evaluation.results.values() for result in results]),

@@ -51,12 +51,30 @@ class ScoreTable(NamedTuple):
         scenario: name; episodes: of each policy.
         heads: of the columns, each with its unit.
         rows: policy, cells, failed episodes.
+        vibration: mean energy of each policy [J].
     """
 
     scenario: str
     episodes: int
     heads: list[tuple[str, str]]
     rows: list[tuple[str, list[Cell], int]]
+    vibration: dict[str, float]
+
+    @property
+    def verdict(self) -> str:
+        """Which policy calms the panels, in a sentence; empty where there is nothing to compare."""
+        sound = {policy: self.vibration[policy] for policy, _, failed in self.rows if not failed}
+        if len(sound) < 2:
+            return ""
+        best, worst = min(sound, key=sound.__getitem__), max(sound, key=sound.__getitem__)
+        if not sound[best] > 0.0:
+            return f"{best} leaves the panels without any vibration."
+        unit, scale = unit_for("J", sound[best])
+        times = number(sound[worst] / sound[best])
+        return (
+            f"{best} keeps the panels calmest: {number(sound[best] / scale)} {unit} of vibration on average, {times} times "
+            f"less than {worst}."
+        )
 
 
 class Picture(NamedTuple):
@@ -118,7 +136,9 @@ def read_run(folder: Path) -> Run:
     except (FileNotFoundError, ValueError) as error:
         raise ConfigError(f"{file}: no manifest of a run: {error}") from None
     order = {policy: k for k, policy in enumerate(manifest.get("policies", ()))}
-    recordings = sorted(map(Recording.read, recording_files(folder)), key=lambda each: order.get(each.policy, len(order)))
+    recordings = sorted(
+        map(Recording.read, recording_files(folder)), key=lambda each: order.get(each.policy, len(order))
+    )
     return Run(folder.resolve().name, results, manifest, pictures(folder), recordings)
 
 
@@ -150,7 +170,7 @@ def score_table(scenario: str, group: Mapping[str, Sequence[Result]]) -> ScoreTa
         (policy, [column[policy] for column in columns], sum(bool(each.failure) for each in results))
         for policy, results in group.items()
     ]
-    return ScoreTable(scenario, max(len(results) for results in group.values()), heads, rows)
+    return ScoreTable(scenario, max(len(results) for results in group.values()), heads, rows, means["vibration"])
 
 
 def _cells(values: Mapping[str, float], scale: float) -> dict[str, Cell]:

@@ -14,7 +14,7 @@ from sffr_gym.simulator import Simulator
 
 WINDOW = 60.0  # s, of Welch's method: half a dozen periods of the first mode
 BINS = 160  # of a spectrum, evenly spaced on a logarithmic axis
-HIGHEST = 50.0  # Hz; whatever is beyond is far below the panels' bending modes
+HIGHEST = 20.0  # Hz; whatever is beyond is far below the panels' bending modes
 SHARES = np.logspace(-5, 0, 16)  # ends of the bins of |command| / limit, three a decade
 GROUPS = ("piezo", "thruster", "joint")
 

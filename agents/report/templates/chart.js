@@ -27,17 +27,16 @@ class Axis {
       unit);
   }
 
-  /** 0 at the low end, 1 at the high one; what is beyond stays at the end. */
+  /** 0 at the low end, 1 at the high one. */
   share(value) {
-    const scaled = this.log ? Math.log(Math.max(value, this.low) / this.low) / Math.log(this.high / this.low)
-      : (value - this.low) / (this.high - this.low);
-    return Math.min(Math.max(scaled, 0), 1);
+    if (this.log) return Math.log(Math.max(value, this.low * 1e-6) / this.low) / Math.log(this.high / this.low);
+    return (value - this.low) / (this.high - this.low);
   }
 
   /** Values of the grid lines. */
   marks() {
     if (this.log) {
-      const [first, last] = [this.low, this.high].map((end) => Math.round(Math.log10(end)));
+      const [first, last] = [Math.ceil(Math.log10(this.low) - 1e-9), Math.floor(Math.log10(this.high) + 1e-9)];
       const every = Math.ceil((last - first) / 5);
       return range(first, last, every).map((power) => 10 ** power);
     }
@@ -77,13 +76,19 @@ class Chart {
       height - bottom - this.up.share(y) * (height - top - bottom)];
   }
 
+  /** The frame's left, top, width and height. */
+  frame() {
+    const { left, right, top, bottom } = Chart.ROOM;
+    return [left, top, this.surface.width - left - right, this.surface.height - top - bottom];
+  }
+
   /** Draw everything; subclasses draw what stands still in `drawStill(surface)`. */
   draw() {
     const { surface } = this;
     surface.clear();
     if (this.stale || this.keptWidth !== surface.canvas.width || this.keptHeight !== surface.canvas.height) {
       this.drawFrame();
-      this.drawStill(surface);
+      surface.within(this.frame(), () => this.drawStill(surface));
       const copy = this.kept.canvas;
       [copy.width, copy.height] = [this.keptWidth, this.keptHeight] = [surface.canvas.width, surface.canvas.height];
       if (copy.width && copy.height) this.kept.ink.drawImage(surface.canvas, 0, 0);

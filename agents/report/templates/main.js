@@ -33,7 +33,7 @@ function showState() {
   const { t, duration, playing, speed, factor, view } = replay;
   parts.time.value = t;
   parts.time.setAttribute("aria-valuetext", `${t.toFixed(1)} of ${duration.toFixed(1)} seconds`);
-  parts.clock.textContent = `${t.toFixed(1)} s of ${duration.toFixed(1)} s`;
+  parts.clock.textContent = `${t.toFixed(1)} / ${duration.toFixed(1)} s`;
   parts.play.textContent = playing ? "Pause" : "Play";
   parts.play.classList.toggle("playing", playing);
   parts.speed.value = speed;

@@ -20,16 +20,16 @@ class PanelView {
     const front = policies[0];
     if (!front) return;
     const line = (amplitudes) => deflections(robot, panel, amplitudes).map((w, i) => place(x[i], w));
-    surface.line(line(front.state.rest), Theme.colours.dim, 1.3, [5, 5]);
+    this.drawBands(line(front.state.modes), panelVolts(robot, front.state, panel));
     policies.map((policy, rank) => [policy, rank]).reverse().forEach(([{ recording, state, colour }, rank]) => {
       const points = line(state.modes);
-      if (rank === 0) this.drawBands(points, panelVolts(robot, state, panel));
       surface.line(points, colour, rank === 0 ? 3 : 2.2);
       surface.disc(points.at(-1), 4, colour);
       const beyond = length + (14 + 9 * rank) / scale;
       const ends = recording.swing(t, panel).map((tip) => place(beyond, tip));
       surface.line(ends, colour, 4);
     });
+    surface.line(line(front.state.rest), Theme.colours.ink, 1.3, [5, 5]);
     surface.text(`panel ${name}, deflections drawn ${factor}×`, 12, 18, Theme.colours.ink);
     const note = `colours: piezo voltages of ${front.recording.name}; dashed: without swing`;
     surface.text(note, 12, surface.height - 14, Theme.colours.dim);

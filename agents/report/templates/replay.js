@@ -8,15 +8,15 @@ class Replay {
     this.robot = episode.robot;
     this.recordings = episode.policies.map((policy) => new Recording(policy));
     this.duration = Math.max(...this.recordings.map(({ end }) => end));
-    this.shown = this.recordings.slice(0, 9);
+    this.shown = [...this.recordings].reverse();
     Object.assign(this, { t: 0, playing: false, speed: 4, factor: 5, view: "robot" });
     const surface = new Surface(parts.stage);
     this.scene = new Scene(surface, this.robot);
     this.panels = this.robot.panels.map((_, k) => new PanelView(surface, this.robot, k));
-    for (const part of [parts.charts, parts.spectra, parts.uses]) part.replaceChildren();
+    for (const part of [parts.tips, parts.charts, parts.spectra, parts.uses]) part.replaceChildren();
     const seek = (t) => this.seek(t);
     this.charts = timeKinds(this.robot, this.recordings).map((kind) =>
-      new TimeChart(parts.charts, kind, this.duration, seek));
+      new TimeChart(kind.aside ? parts.tips : parts.charts, kind, this.duration, seek));
     this.summaries = [
       ...this.robot.panels.map((_, k) => new SpectrumChart(parts.spectra, this.robot, k)),
       ...Object.keys(UseChart.NAMES).map((group) => new UseChart(parts.uses, group)),
@@ -68,6 +68,7 @@ class Replay {
     const { policies } = this;
     for (const chart of [...this.charts, ...this.summaries]) chart.show(policies);
     for (const chart of this.summaries) chart.draw();
+    for (const legend of document.querySelectorAll(".legend")) legend.replaceChildren(...policies.map(legendEntry));
     this.request();
   }
 
@@ -95,4 +96,11 @@ class Replay {
     else this.scene.draw(policies, this.t, this.factor, this.view === "path");
     for (const chart of this.charts) chart.drawAt(this.t);
   }
+}
+
+function legendEntry({ recording, colour }) {
+  const entry = document.createElement("li");
+  entry.textContent = recording.name;
+  entry.style.setProperty("--colour", colour);
+  return entry;
 }

@@ -1,6 +1,7 @@
 /** The robot on its path, as several policies move it: the first one in full, the others' panels and outlines. */
 class Scene {
-  static MARGIN = 0.7; // m around the robot
+  static MARGIN = 0.35; // m around the robot and the bars beyond its tips
+  static APART = 0.2; // m between the bars of two policies
   static HALF_WIDTH = 0.13; // m, of a drawn panel
   static LONGEST = 2.2; // m, of a plume or an arrow
   static NOZZLES = 0.3; // m from the base's axis, on each side
@@ -22,7 +23,8 @@ class Scene {
     surface.ink.fillStyle = Theme.colours.space;
     surface.ink.fillRect(0, 0, surface.width, surface.height);
     const front = policies[0];
-    const radius = whole ? robot.path.radius + this.reach : this.reach;
+    const reach = this.reach + Scene.APART * policies.length;
+    const radius = whole ? robot.path.radius + reach : reach;
     this.centre = whole || !front ? robot.path.centre : front.state.base;
     this.scale = Math.min(surface.width, surface.height) / (2 * radius);
     this.unit = Math.min(Math.max(this.scale / 45, 0.35), 1.6);
@@ -122,7 +124,7 @@ class Scene {
   drawSwing({ recording, state, colour }, t, factor, rank) {
     const { robot, surface, unit } = this;
     robot.panels.forEach((panel, k) => {
-      const along = panel.length + 0.25 + 0.2 * rank;
+      const along = panel.length + 0.25 + Scene.APART * rank;
       const [low, high] = recording.swing(t, k).map((tip) => factor * tip);
       const at = (x, y) => this.place(fromPanel(robot, state, k, x, y));
       surface.line([at(along, low), at(along, high)], colour, 4 * unit);
@@ -224,10 +226,10 @@ class Scene {
     const { surface } = this;
     const { ink, dim, force, plume } = Theme.colours;
     const bottom = surface.height - 16;
-    surface.text(`deflections drawn ${factor}×`, 12, bottom - 18, ink);
+    surface.text(`deflections drawn ${factor}×`, 12, bottom - 36, ink);
+    surface.text("dashed: without swing", 12, bottom - 18, dim);
     surface.line([[12, bottom], [12 + this.scale, bottom]], dim, 2);
     surface.text("1 m", 18 + this.scale, bottom, dim);
-    surface.text("dashed: without swing", surface.width - 12, bottom, dim, "right");
     surface.text(`thrust ${withUnit(Math.hypot(state.thrust[0], state.thrust[1]), "N")}`, surface.width - 12, 18,
       plume, "right");
     if (recording.has("grasp")) {

@@ -11,7 +11,8 @@ class SpectrumChart extends Chart {
   show(policies) {
     this.shown = policies;
     const spectra = policies.map(({ recording }) => recording.spectra);
-    this.across = Axis.around(spectra.map(({ f }) => f), "Hz", true);
+    const all = spectra.flatMap(({ f }) => f);
+    this.across = new Axis(Math.min(...all, 1), Math.max(...all, 10), "Hz", true);
     this.up = Axis.around(spectra.map(({ psd }) => psd[this.panel]), "", true);
     const top = Math.round(Math.log10(this.up.high));
     const bottom = Math.min(...spectra.flatMap(({ psd }) => psd[this.panel]).filter((value) => value > 0));

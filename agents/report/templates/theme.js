@@ -50,6 +50,16 @@ class Surface {
     this.ink.textBaseline = "middle";
   }
 
+  /** Draw what is within a frame [left, top, width, height] alone. */
+  within(frame, draw) {
+    this.ink.save();
+    this.ink.beginPath();
+    this.ink.rect(...frame);
+    this.ink.clip();
+    draw();
+    this.ink.restore();
+  }
+
   line(points, colour, width, dash = []) {
     const { ink } = this;
     ink.beginPath();

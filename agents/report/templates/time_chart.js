@@ -53,7 +53,10 @@ class TimeChart extends Chart {
     for (const { recording, colour } of [...this.shown].reverse()) {
       const row = Math.min(Math.round(t / recording.step), recording.rows - 1);
       const value = this.lines.get(recording)[row];
-      if (Number.isFinite(value)) surface.disc(this.place(row * recording.step, value), 3.2, colour);
+      if (!Number.isFinite(value)) continue;
+      const [across, up] = this.place(row * recording.step, value);
+      const [, top, , height] = this.frame();
+      surface.disc([across, Math.min(Math.max(up, top), top + height)], 3.2, colour);
     }
   }
 }
@@ -61,7 +64,7 @@ class TimeChart extends Chart {
 /** What is plotted over time, for a robot and its recordings. */
 function timeKinds(robot, recordings) {
   const tips = robot.panels.map(({ name }, k) => ({
-    title: `Tip deflection, panel ${name}`, unit: "m",
+    title: `Tip deflection, panel ${name}`, unit: "m", aside: true,
     about: `Tip deflection of panel ${name} over time; dashed: without swing. Drag to set the time.`,
     of: (recording) => recording.column("tips", k),
     rest: (recording) => restTips(robot, recording, k),
@@ -72,7 +75,7 @@ function timeKinds(robot, recordings) {
     { title: "Piezo voltage, largest", unit: "V", of: (recording) => recording.largest("volts") },
   ];
   if (recordings.some((recording) => recording.has("damping"))) {
-    others.push({ title: "Virtual damping, mean of the panels", unit: "N s/m", of: meanDamping });
+    others.push({ title: "Virtual damping [N s/m]", unit: "", of: meanDamping });
   }
   return [...tips, ...others.map((kind) => ({ about: `${kind.title} over time. Drag to set the time.`, ...kind }))];
 }
