@@ -11,7 +11,7 @@ import json
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 from urllib.parse import quote
 
 import numpy as np
@@ -97,7 +97,7 @@ class Recording:
             ConfigError: if it is not one of ours, or is damaged.
         """
         try:
-            with np.load(file, allow_pickle=False) as kept:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
                 about = json.loads(str(kept[ABOUT]))
                 arrays = {name: kept[name].astype(np.float64) for name in _ARRAYS}
             reference = Reference(**about["reference"] | {"joints": np.array(about["reference"]["joints"])})

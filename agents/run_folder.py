@@ -52,7 +52,7 @@ def check_folder(folder: Path, overwrite: bool = False, result: str = SUMMARY) -
 
 
 def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> list[Path]:
-    """Write recordings, episodes, manifest and summary of an evaluation; the summary last, as the sign of a finished run.
+    """Write recordings, episodes, manifest and summary of an evaluation; the summary last, the sign of a finished run.
 
     Args:
         folder: made if need be.

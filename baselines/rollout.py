@@ -155,8 +155,7 @@ def _make_record(env: SFFRFlexEnv, ticks: int) -> Record:
     robot, rows = env.robot, (ticks - 1) // STRIDE + 1
     n, n_p = n_positions(robot.model), len(robot.model.panel_root)
     return Record(
-        signals=np.zeros((ticks, N_SIGNALS)), tips=np.zeros((ticks, n_p)), stride=STRIDE, p=np.zeros((rows, n)), v=np.zeros((rows, n)),
-        obs=np.zeros((rows, len(robot.bound))), applied=np.zeros((rows, len(robot.scale))),
-        B_hat=np.zeros((rows, n_p, 3)), q_flex=np.zeros((rows, 3)),
-        lam=np.zeros((rows, len(robot.model.grasp_arm), 2)),
+        signals=np.zeros((ticks, N_SIGNALS)), tips=np.zeros((ticks, n_p)), stride=STRIDE, p=np.zeros((rows, n)),
+        v=np.zeros((rows, n)), obs=np.zeros((rows, len(robot.bound))), applied=np.zeros((rows, len(robot.scale))),
+        B_hat=np.zeros((rows, n_p, 3)), q_flex=np.zeros((rows, 3)), lam=np.zeros((rows, len(robot.model.grasp_arm), 2)),
     )  # fmt: skip

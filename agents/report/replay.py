@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.recording import Recording
 from agents.report.spectrum import mode_frequencies, spectrum, use_of_limits
+from baselines.rollout import STRIDE
 from baselines.suppression import COORDINATES
 from sffr_gym.beam import Array
 from sffr_gym.geometry import force_scales, panel_shapes, resting_amplitudes, tip_deflections
@@ -81,7 +82,7 @@ def policy_data(name: str, recording: Recording, colour: str) -> dict[str, Any]:
         "name": name,
         "colour": colour,
         "failure": recording.failure,
-        "step": float(recording.t[1] - recording.t[0]) if len(recording.t) > 1 else 1.0,
+        "step": STRIDE * recording.period,
         "rows": len(recording.t),
         "layout": {key: [start, width] for key, start, width in zip(columns, starts, widths, strict=False)},
         "width": starts[-1],

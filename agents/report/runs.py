@@ -71,10 +71,8 @@ class ScoreTable(NamedTuple):
             return f"{best} leaves the panels without any vibration."
         unit, scale = unit_for("J", sound[best])
         times = number(sound[worst] / sound[best])
-        return (
-            f"{best} keeps the panels calmest: {number(sound[best] / scale)} {unit} of vibration on average, {times} times "
-            f"less than {worst}."
-        )
+        energy = f"{number(sound[best] / scale)} {unit}"
+        return f"{best} keeps the panels calmest: {energy} of vibration on average, {times} times less than {worst}."
 
 
 class Picture(NamedTuple):
