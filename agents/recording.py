@@ -82,7 +82,7 @@ class Recording:
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
         about = kept | {
             "plant": self.plant.to_dict(),
-            "reference": self.reference._replace(joints=self.reference.joints.tolist())._asdict(),  # type: ignore[arg-type]
+            "reference": self.reference._replace(joints=self.reference.joints.tolist())._asdict(),
         }
         arrays = {name: about.pop(name).astype(np.float32) for name in _ARRAYS}
         file = io.BytesIO()

@@ -69,7 +69,7 @@ def draw_panel(
     faces = 1 if params.actuators.piezo.array == "generalized" else 2
     bands = np.array([voltage_colour(v, params.actuators.piezo.voltage) for v in volts]).reshape(-1, faces, 3)
     ends = np.linspace(0, len(line) - 1, len(bands) + 1).round().astype(int)
-    upper, lower = line - across, line + across  # ``across`` points to the panel's -y
+    upper, lower = line + across, line - across  # on the panel's +y and -y side
     for band, first, last in zip(bands, ends, ends[1:], strict=False):
         at = slice(first, last + 1)
         for colour, one, other in _sides(band, upper[at], line[at], lower[at]):

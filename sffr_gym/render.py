@@ -17,6 +17,7 @@ from sffr_gym.geometry import force_scales, resting_amplitudes, tip_deflections
 from sffr_gym.model import N_BASE, Model, mode_slice, object_slice
 from sffr_gym.params import Params
 from sffr_gym.portrait import (
+    FORCE,
     View,
     draw_arm,
     draw_base,
@@ -41,6 +42,7 @@ AHEAD: Colour = (52, 64, 96)
 COVERED: Colour = (122, 142, 190)
 ALARM: Colour = (255, 110, 110)
 ACCENT: Colour = (120, 180, 255)
+THRUST: Colour = (255, 176, 96)
 SIDES: tuple[Colour, ...] = ((120, 200, 255), (255, 190, 90), (150, 230, 140), (240, 140, 220))  # a panel's line each
 SWING = 10.0  # s over which the bars beyond the tips show how far they went, about a period of the first mode
 MARGIN = 0.55  # m around the robot
@@ -111,14 +113,14 @@ class Renderer:
     def __call__(self, snapshot: Snapshot) -> np.ndarray:
         """The picture (size, size, 3), uint8."""
         canvas = Canvas(self.look.size, self.look.size, SPACE)
-        view = self._view(snapshot.p)
+        view, grasp, tips = self._view(snapshot.p), self._grasp(snapshot), self._recent_tips(snapshot)
         self._draw_path(canvas, view, snapshot.t)
-        self._draw_robot(canvas, view, snapshot)
+        self._draw_robot(canvas, view, snapshot, grasp, tips)
         for top, bottom in (0.0, self._top), (self._bottom, float(self.look.size)):
             canvas.box(0.0, top, self.look.size, bottom, SPACE)
-        self._draw_title(canvas, snapshot)
+        self._draw_title(canvas, snapshot, tips)
         self._draw_map(canvas, snapshot)
-        self._draw_keys(canvas, view, snapshot)
+        self._draw_keys(canvas, view, snapshot, grasp)
         self._draw_plots(canvas, snapshot)
         return canvas.pixels()
 
@@ -163,12 +165,10 @@ class Renderer:
         for way in np.array([[1.0, 0.0], [0.0, 1.0]]):
             canvas.line([(x, y) - 16 * self._u * way, (x, y) + 16 * self._u * way], COVERED, 1.2 * self._u)
 
-    def _draw_robot(self, canvas: Canvas, view: View, snapshot: Snapshot) -> None:
+    def _draw_robot(self, canvas: Canvas, view: View, snapshot: Snapshot, grasp: Array, tips: Array) -> None:
         model, params, p = self.model, self.params, snapshot.p
         n_p, n_c = len(model.panel_root), self._sim.actuators.K_PZ.shape[2]
         volts = snapshot.applied[: n_p * n_c].reshape(n_p, n_c)
-        recent = snapshot.trace[snapshot.trace[:, 0] >= snapshot.t - SWING, 3 : 3 + n_p]
-        tips = np.vstack([recent, tip_deflections(model, p[None])])
         factor, rest = self.look.exaggeration, self._at_rest(snapshot)
         draw_plumes(canvas, view, params, p, self._thrust(snapshot), self._scales.thrust)
         for i in range(n_p):
@@ -180,17 +180,16 @@ class Renderer:
         for i, arm in sorted(enumerate(params.arms), key=lambda each: each[0] in model.grasp_arm):
             draw_arm(canvas, view, model, p, i, arm.name)
         if params.object is not None:
-            draw_object(canvas, view, model, p, self._grasp(snapshot), self._scales.grasp)
+            draw_object(canvas, view, model, p, grasp, self._scales.grasp)
 
-    def _draw_title(self, canvas: Canvas, snapshot: Snapshot) -> None:
+    def _draw_title(self, canvas: Canvas, snapshot: Snapshot, tips: Array) -> None:
         u, right = self._u, self.look.size - 14 * self._u
         canvas.text((14 * u, 20 * u), self.title, 24 * u, self.look.colour)
         below = "   ".join(text for text in (self.subtitle, f"t = {snapshot.t:.1f} s") if text)
         canvas.text((14 * u, 42 * u), below, 13 * u, FAINT)
-        energy = snapshot.trace[-1, 1 + ENERGY] if len(snapshot.trace) else np.nan
-        if np.isfinite(energy):
-            canvas.text((right, 20 * u), f"{1000 * energy:.2f} mJ", 24 * u, INK, "rm")
-            canvas.text((right, 42 * u), "vibration energy", 13 * u, FAINT, "rm")
+        if tips.size:
+            canvas.text((right, 20 * u), f"{1000.0 * np.ptp(tips, axis=0).max():.0f} mm", 24 * u, INK, "rm")
+            canvas.text((right, 42 * u), f"swing of the tips, last {SWING:g} s", 13 * u, FAINT, "rm")
         if snapshot.failure:
             canvas.text((self.look.size / 2, self._top + 16 * u), f"failed: {snapshot.failure}", 16 * u, ALARM, "mm")
 
@@ -208,7 +207,7 @@ class Renderer:
         share = 100.0 * min((now - reference.phase) / (2.0 * np.pi), 1.0)
         canvas.text((66 * u, self._top + 58 * u), f"{share:.0f} %", 13 * u, FAINT, "mm")
 
-    def _draw_keys(self, canvas: Canvas, view: View, snapshot: Snapshot) -> None:
+    def _draw_keys(self, canvas: Canvas, view: View, snapshot: Snapshot, grasp: Array) -> None:
         """What lengths and colours mean: deflections, a metre, plumes, arrows, voltages."""
         u, left, right = self._u, 14 * self._u, self.look.size - 14 * self._u
         line = self._bottom - 14 * u
@@ -221,11 +220,13 @@ class Renderer:
         canvas.line([[left, line], [left + view.scale, line]], FAINT, 2.0 * u)
         canvas.text((left + view.scale + 6 * u, line), "1 m", 12 * u, FAINT)
         thrust = np.hypot(*self._thrust(snapshot)[:2])
-        lines = [f"thrust {with_unit(thrust, 'N')}"]
-        if self.params.object is not None and len(self.model.grasp_arm):
-            grasp = np.hypot(*self._grasp(snapshot).T).max()
-            lines.append(f"grasp {with_unit(grasp, 'N')}")
-        for k, (text, colour) in enumerate(zip(lines, ((255, 176, 96), (255, 122, 198)), strict=False)):
+        lines: list[tuple[str, Colour]] = [(f"thrust {with_unit(thrust, 'N')}", THRUST)]
+        if len(grasp):
+            lines.append((f"grasp {with_unit(np.hypot(*grasp.T).max(), 'N')}", FORCE))
+        energy = snapshot.trace[-1, 1 + ENERGY] if len(snapshot.trace) else np.nan
+        if np.isfinite(energy):
+            lines.append((f"vibration {with_unit(energy, 'J')}", FAINT))
+        for k, (text, colour) in enumerate(lines):
             canvas.text((right, self._top + (16 + 18 * k) * u), text, 13 * u, colour, "rm")
 
     def _draw_voltage_key(self, canvas: Canvas, right: float, line: float) -> None:
@@ -265,6 +266,11 @@ class Renderer:
         p[mode_slice(model)] = resting_amplitudes(model, reference, a, np.array([turn])).ravel()
         return p
 
+    def _recent_tips(self, snapshot: Snapshot) -> Array:
+        """Transverse tip deflections (k, n_p) [m] of the last ``SWING`` seconds, the present ones last."""
+        recent = snapshot.trace[snapshot.trace[:, 0] >= snapshot.t - SWING, 3 : 3 + len(self.model.panel_root)]
+        return np.vstack([recent, tip_deflections(self.model, snapshot.p[None])])
+
     def _thrust(self, snapshot: Snapshot) -> Array:
         """Thrust (3,) along the base axes [N, N, N m]."""
         n_p, _, n_c = self._sim.actuators.K_PZ.shape
@@ -272,6 +278,8 @@ class Renderer:
 
     def _grasp(self, snapshot: Snapshot) -> Array:
         """Forces (n_g, 2) of the object on each gripper, inertial axes [N], under the applied command."""
+        if not len(self.model.grasp_arm):
+            return np.zeros((0, 2))
         n_p, _, n_c = self._sim.actuators.K_PZ.shape
         volts, rest = np.split(snapshot.applied, [n_p * n_c])
         state = self._sim.unflatten(snapshot.t, snapshot.p, snapshot.v)

@@ -13,6 +13,8 @@ from sffr_gym.vector_env import SFFRFlexVectorEnv
 
 pytest.importorskip("PIL")
 from sffr_gym import strip
+from sffr_gym.canvas import Canvas
+from sffr_gym.model import mode_slice
 from sffr_gym.portrait import PANEL, voltage_colour
 from sffr_gym.render import SIZE, SWING, Look, Renderer, Snapshot
 from sffr_gym.trace import Trace
@@ -192,6 +194,32 @@ def test_voltages_have_colours_by_sign_and_size():
     reds = [voltage_colour(volts, 200.0)[0] for volts in (0.0, 0.1, 1.0, 10.0, 100.0, 200.0)]
     assert reds == sorted(set(reds))
     assert voltage_colour(1e6, 200.0) == warm
+
+
+def test_bonded_pair_shows_each_patch_on_its_face():
+    """The first of a pair lies on the face towards the panel's +y, which of the left panel is the picture's left."""
+    env = SFFRFlexEnv(render_mode="rgb_array", overrides=["actuators.piezo.array=patches"])
+    env.reset(seed=0)
+    renderer, panel = Renderer(env.plant, env.reference, "title"), slice(260, 340)
+    still = Snapshot(0.0, env.positions, env.velocities, np.zeros_like(env.robot.scale), np.zeros((0, 5)))
+    places = []
+    for channel in (0, 1):
+        applied = still.applied.copy()
+        applied[channel] = 50.0
+        changed = (renderer(still._replace(applied=applied)) != renderer(still)).any(axis=-1)[70:240, panel]
+        places.append(np.flatnonzero(changed.any(axis=0)).mean())
+    assert places[0] < places[1] - 3
+
+
+def test_number_above_is_the_swing_of_the_last_seconds(drawn, monkeypatch):
+    renderer, snapshot = drawn
+    words = []
+    monkeypatch.setattr(Canvas, "text", lambda self, place, text, *rest: words.append(text))
+    rows = [[t, 1e-5, 0.02, tip, 0.0] for t, tip in ((0.0, 0.4), (15.0, 0.1), (20.0, -0.2))]
+    p = snapshot.p.copy()
+    p[mode_slice(renderer.model)] = 0.0
+    renderer(snapshot._replace(t=20.0, p=p, trace=np.array(rows)))
+    assert "300 mm" in words and "swing of the tips, last 10 s" in words
 
 
 def test_vector_form_is_the_single_pictures():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.signal import welch
 
 from agents.recording import Recording
 from sffr_gym.beam import Array
@@ -27,6 +26,8 @@ def spectrum(recording: Recording) -> dict[str, Any]:
     Returns:
         ``f`` (k,) [Hz], ``psd`` (n_p, k) [m2/Hz]; empty for an episode that is too short for a spectrum.
     """
+    from scipy.signal import welch  # it takes most of a second to import, which other commands need not wait for
+
     tips = recording.tips[np.isfinite(recording.tips).all(axis=1)]
     length = min(round(WINDOW / recording.period), len(tips))
     if length < BINS:

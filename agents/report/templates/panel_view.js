@@ -43,7 +43,7 @@ class PanelView {
     volts.forEach((value, channel) => {
       const band = Math.floor(channel / robot.faces);
       const [from, to] = [band, band + 1].map((end) => Math.round((end * (points.length - 1)) / bands));
-      const [low, high] = robot.faces === 1 ? [-1, 1] : channel % 2 ? [0, 1] : [-1, 0];
+      const [low, high] = robot.faces === 1 ? [-1, 1] : channel % 2 ? [-1, 0] : [0, 1];
       const part = points.slice(from, to + 1);
       const edge = (side) => part.map(([x, y]) => [x, y - side * half]);
       surface.polygon([...edge(high), ...edge(low).reverse()], voltageColour(value, robot.volts));

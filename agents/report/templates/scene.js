@@ -113,7 +113,7 @@ class Scene {
     volts.forEach((value, channel) => {
       const band = Math.floor(channel / robot.faces);
       const [from, to] = [band, band + 1].map((end) => Math.round((end * last) / bands));
-      const sides = robot.faces === 1 ? [-1, 1] : channel % 2 ? [0, 1] : [-1, 0];
+      const sides = robot.faces === 1 ? [-1, 1] : channel % 2 ? [-1, 0] : [0, 1];
       const outline = this.panelOutline(state, k, factor, from, to + 1, ...sides);
       surface.polygon(outline, voltageColour(value, robot.volts));
     });
