@@ -120,7 +120,8 @@ class Chart {
   }
 
   label(value, { unit }) {
-    if (unit === "") return value !== 0 && Math.abs(value) < 0.001 ? value.toExponential(0) : `${Number(value.toPrecision(3))}`;
+    if (value === 0 && unit !== "%") return "0";
+    if (unit === "") return Math.abs(value) < 0.001 ? value.toExponential(0) : `${Number(value.toPrecision(3))}`;
     return unit === "s" || unit === "Hz" || unit === "%" ? `${Number(value.toPrecision(3))} ${unit}` : withUnit(value, unit);
   }
 

@@ -81,7 +81,8 @@ function press(event) {
     "-": () => replay.step(-1),
     e: () => replay.set({ factor: replay.factor + 1 }),
     E: () => replay.set({ factor: replay.factor - 1 }),
-    z: () => replay.set({ view: replay.views[(replay.views.indexOf(replay.view) + 1) % replay.views.length] }),
+    z: () => replay.nextView(),
+    Z: () => replay.nextView(),
   };
   const policy = /^[1-9]$/.test(key) ? replay.recordings[Number(key) - 1] : undefined;
   const action = policy ? () => replay.toggle(policy) : actions[key];
@@ -107,6 +108,7 @@ if (episodes.length) {
     replay.refresh();
   };
   Theme.dark.addEventListener("change", redraw);
+  addEventListener("scroll", () => replay.request(), { passive: true });
   load(episodes[0]);
   new ResizeObserver(redraw).observe(document.body);
 }

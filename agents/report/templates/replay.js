@@ -56,6 +56,10 @@ class Replay {
     this.set({ speed: SPEEDS[Math.min(Math.max(at, 0), SPEEDS.length - 1)] });
   }
 
+  nextView() {
+    this.set({ view: this.views[(this.views.indexOf(this.view) + 1) % this.views.length] });
+  }
+
   /** Change speed, factor or view. */
   set(settings) {
     Object.assign(this, settings);

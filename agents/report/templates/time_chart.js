@@ -45,7 +45,10 @@ class TimeChart extends Chart {
     }
   }
 
+  /** Draw the chart with the cursor at a time, unless it is out of the reader's sight and was drawn before. */
   drawAt(t) {
+    const { top, bottom } = this.canvas.getBoundingClientRect();
+    if (!this.stale && (bottom < 0 || top > innerHeight)) return;
     this.draw();
     const [x] = this.place(t, this.up.low);
     const { surface } = this;
