@@ -52,16 +52,18 @@ class Law(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What the loop keeps: signals of every period, the rest of every ``stride``-th, at its start.
+    """What the loop keeps: signals and tips of every period, the rest of every ``stride``-th, at its start.
 
     Attributes:
         signals: (n_ticks, N_SIGNALS); see ``task.SIGNALS``.
+        tips: (n_ticks, n_p) transverse tip displacements at the period's end [m].
         stride: periods between two rows of the rest.
         p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) states, observations, commands after the limits, virtual
             damping as it acts, Q_flex and grasp forces (base axes).
     """
 
     signals: Array
+    tips: Array
     stride: int
     p: Array
     v: Array
@@ -137,6 +139,7 @@ def run(robot, reference, sensing, impulses, law, buffers, first, last, p, v, ob
         hit(impulses, tick, robot.period, wrench)
         t_end = (tick + 1) * robot.period
         outcome = control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs, record.signals[tick])
+        _note_tips(robot, p, record.tips[tick])
         if outcome != NOT_FINITE:  # else the last observation stays
             sense(robot, reference, sensing, tick + 1, buffers.p, buffers.v, buffers.step.dynamics, obs)
         if keep:
@@ -146,3 +149,15 @@ def run(robot, reference, sensing, impulses, law, buffers, first, last, p, v, ob
         if outcome != RUNNING:
             return tick + 1, outcome
     return last, RUNNING
+
+
+@kernel(inline=True)
+def _note_tips(robot, p, tips):
+    """Write each panel's transverse tip displacement [m], along its y axis, into ``tips`` (n_p,)."""
+    n_p, n_m = robot.model.omega2.shape
+    start = N_BASE + len(robot.model.link_mass)
+    for i in range(n_p):
+        tip = 0.0
+        for m in range(n_m):
+            tip += robot.actuators.tips[i, m, 1] * p[start + i * n_m + m]
+        tips[i] = tip

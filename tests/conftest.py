@@ -1,7 +1,11 @@
-"""What all tests share: floating-point faults raise."""
+"""What all tests share: floating-point faults raise, and windows open nowhere."""
+
+import os
 
 import numpy as np
 import pytest
+
+os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
 
 
 @pytest.fixture(autouse=True)
