@@ -151,7 +151,7 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
     :class:`SFFRFlexVectorEnv`.
 
     Attributes:
-        step_rewards: vibration's reward panel by panel (n, panels), and all terms (n, 3), of the last step.
+        step_rewards: of vibration and effort, panel by panel (n, panels), and all terms (n, 3), of the last step.
 
     Args:
         num_envs: number of environments.

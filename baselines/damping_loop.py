@@ -25,7 +25,7 @@ class Damping(NamedTuple):
         B_hat: (n, n_p, 3) virtual damping of the law.
         factor: (n, n_p, 3) by which the last decision multiplies it.
         seen: (n, n_p N_FEATURES) what the next decision sees.
-        reward: (n, n_p) vibration's reward of each panel during the last decision.
+        reward: (n, n_p) reward of each panel's own vibration and effort during the last decision.
         end: (n,) control period at which the episode is over.
     """
 
@@ -81,6 +81,7 @@ def damping_range(fleet, batch, law, damping, actions, active, first, last):
     robot = robot_at(fleet, first, cursor)
     buffers, work = make_buffers(robot), mic_workspace(law.prior)
     command, terms = np.zeros(len(law.scale)), np.zeros(batch.terms.shape[1])
+    n_c = law.allocation.shape[1]
     for i in range(first, last):
         if not active[i]:
             continue
@@ -102,6 +103,8 @@ def damping_range(fleet, batch, law, damping, actions, active, first, last):
             terms += batch.terms[i]
             for k in range(len(buffers.energy)):
                 damping.reward[i, k] -= robot.period * robot.weight[1] * buffers.energy[k]
+                for c in range(k * n_c, (k + 1) * n_c):
+                    damping.reward[i, k] -= robot.period * robot.weight[2] * buffers.applied[c] * buffers.applied[c]
             if batch.status[i] != RUNNING:
                 break
         batch.reward[i], batch.cost[i], batch.clipped[i] = reward, cost, clipped
