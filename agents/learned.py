@@ -12,11 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from agents.residual_env import action_names, observation_names, scheduled_law
+from agents.residual_env import (
+    SFFRFlexDampingEnv,
+    SFFRFlexDampingVectorEnv,
+    action_names,
+    observation_names,
+    scheduled_law,
+)
 from agents.run_folder import write_whole
 from baselines import POLICIES, make_policy
 from baselines.policies import LawPolicy, Policy
@@ -26,6 +32,8 @@ from sffr_gym.params import ConfigError, Params
 
 FORMAT = "sffr-policy-1"
 SUFFIX = ".npz"
+
+DampingEnv = SFFRFlexDampingEnv | SFFRFlexDampingVectorEnv
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,25 @@ class LearnedSchedule:
             )
         if len(self.scaling) != 3 or not all(np.isfinite(each) and each > 0.0 for each in self.scaling):
             raise ConfigError(f"scaling = {self.scaling}: must be three positive numbers")
+
+    @classmethod
+    def of(cls, network: Network, env: DampingEnv, trained: dict[str, Any]) -> Self:
+        """What a network has learned in an environment.
+
+        Args:
+            network: for one panel, or for all at once.
+            env: ``SFFRFlexDamping-v0``, bare, single or batched.
+            trained: where it comes from, of plain values.
+
+        Raises:
+            ConfigError: if the network does not fit the environment.
+        """
+        law = env.law.schedule
+        return cls(
+            network=network, law=env.law_name, rho=law.rho, agent_period=law.hold * env.robot.period,
+            obs_names=env.obs_names, action_names=env.action_names,
+            scaling=(law.energy, law.acceleration, law.acceleration_rate), trained=trained,
+        )  # fmt: skip
 
     def predict(self, observation: Array, state: None = None, **_: Any) -> tuple[Array, None]:
         """Actions for observations (..., n_o) of ``SFFRFlexDamping-v0``, as Stable-Baselines3's ``predict`` does."""

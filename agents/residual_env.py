@@ -51,13 +51,14 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     ## Observation space
     ``Box(float32)``, panel by panel in its own axes, scaled by constants (``env.unwrapped.obs_names``). The two bending
     modes of the law's panel are taken about the quasi-static shape, as coordinates whose squares are energies; ``E`` is
-    their sum, a panel's vibration energy as the controller sees it.
+    their sum, a panel's vibration energy as the controller sees it. The positive side of a panel is the one to which
+    the path's acceleration points: mirror images are the same.
 
     | index | of the left panel (the right one's follow) | range |
     |---|---|---|
     | 0-3 | displacement and rate of mode 1, of mode 2, divided by the root of 2 E | [-1, 1] |
     | 4 | log10 of the root of E over the reward's energy scale | [-3, 3] |
-    | 5 | path acceleration across the panel, over v^2 / r | [-5, 5] |
+    | 5 | path acceleration across the panel, over v^2 / r | [0, 5] |
     | 6 | its rate, over v^3 / r^2 | [-5, 5] |
 
     ## Reward
@@ -151,7 +152,7 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
     :class:`SFFRFlexVectorEnv`.
 
     Attributes:
-        step_rewards: vibration's reward panel by panel (n, panels), and all terms (n, 3), of the last step.
+        step_rewards: of vibration and effort, panel by panel (n, panels), and all terms (n, 3), of the last step.
 
     Args:
         num_envs: number of environments.

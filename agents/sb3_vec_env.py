@@ -1,7 +1,8 @@
 """The batch of ``SFFRFlexDamping-v0`` as a Stable-Baselines3 ``VecEnv``, with a row for each environment or each panel.
 
 With a row for each panel, one small network learns to schedule a single panel: every panel sees itself in its own axes,
-and is rewarded for its own vibration and its share of the rest. The rows' rewards add up to the environment's.
+and is rewarded for its own vibration and effort and its share of tracking. The rows' rewards add up to the
+environment's.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from agents.residual_env import SFFRFlexDampingVectorEnv, damping_spaces
 from sffr_gym.beam import Array
 from sffr_gym.task import REWARDS
 
-VIBRATION = REWARDS.index("vibration")
+TRACKING = REWARDS.index("tracking")
 _NOTHING: dict[str, Any] = {}  # the info of rows that are not done, shared by all of them
 
 
@@ -71,12 +72,11 @@ class DampingVecEnv(VecEnv):
         return obs.reshape(self.num_envs, -1)
 
     def _share(self, reward: Array) -> np.ndarray:
-        """Rewards of environments as rows: a panel's own vibration, and its share of the other terms."""
+        """Rewards of environments as rows: a panel's own vibration and effort, and its share of tracking."""
         if self.rows == 1:
             return reward.astype(np.float32)
         own, terms = self.env.step_rewards
-        rest = (terms.sum(axis=1) - terms[:, VIBRATION]) / self.rows
-        return (own + rest[:, None]).ravel().astype(np.float32)
+        return (own + terms[:, TRACKING, None] / self.rows).ravel().astype(np.float32)
 
     def close(self) -> None:
         """Close the environments."""

@@ -25,7 +25,7 @@ class Damping(NamedTuple):
         B_hat: (n, n_p, 3) virtual damping of the law.
         factor: (n, n_p, 3) by which the last decision multiplies it.
         seen: (n, n_p N_FEATURES) what the next decision sees.
-        reward: (n, n_p) vibration's reward of each panel during the last decision.
+        reward: (n, n_p) reward of each panel's own vibration and effort during the last decision.
         end: (n,) control period at which the episode is over.
     """
 
@@ -158,8 +158,12 @@ def _add(robot, group, buffers, decision):
     decision.total[1] += where(runs, group.cost[0], 0.0)
     for k in range(len(group.terms)):
         decision.terms[k] += where(runs, group.terms[k], 0.0)
+    n_c = robot.actuators.gain.shape[1]
     for k in range(len(buffers.energy)):
-        decision.panels[k] -= where(runs, robot.period * robot.weight[1] * buffers.energy[k], 0.0)
+        price = robot.weight[1] * buffers.energy[k]
+        for c in range(k * n_c, (k + 1) * n_c):
+            price += robot.weight[2] * buffers.applied[c] * buffers.applied[c]
+        decision.panels[k] -= where(runs, robot.period * price, 0.0)
 
 
 @kernel(inline=True)

@@ -20,7 +20,8 @@ from sffr_gym.params import Params
 
 N_MODES = 2  # bending modes of the law's panel of one element
 # What is seen of each panel: name, largest magnitude. Modes are coordinates of energy [J^(1/2)] about the quasi-static
-# shape, divided by the root of the panel's energy; the acceleration is that of the path across the panel.
+# shape, divided by the root of the panel's energy; the acceleration is that of the path across the panel. One that is
+# pushed to its other side is a mirror image and seen as such, so that the acceleration is never negative.
 FEATURES = (
     ("mode1_displacement", 1.0),
     ("mode1_rate", 1.0),
@@ -112,6 +113,7 @@ def look(law, obs, seen):
         q = law.layout.elastic + N_TIP * i
         qd = law.layout.elastic + N_TIP * (n_p + i)
         push, push_rate = root_acceleration(law.regulator, obs, law.layout.reference, i)
+        side = -1.0 if push < 0.0 else 1.0
         for m in range(N_MODES):
             x = xd = 0.0
             for j in range(1, N_TIP):
@@ -122,10 +124,10 @@ def look(law, obs, seen):
             seen[at + 2 * m], seen[at + 2 * m + 1] = x, xd
         size = sqrt(2.0 * (energy + FAINT * schedule.energy))
         for k in range(2 * N_MODES):
-            seen[at + k] /= size
+            seen[at + k] *= side / size
         seen[at + LOG_AMPLITUDE] = 0.5 * log10(energy / schedule.energy + FAINT)
-        seen[at + LOG_AMPLITUDE + 1] = push / schedule.acceleration
-        seen[at + LOG_AMPLITUDE + 2] = push_rate / schedule.acceleration_rate
+        seen[at + LOG_AMPLITUDE + 1] = side * push / schedule.acceleration
+        seen[at + LOG_AMPLITUDE + 2] = side * push_rate / schedule.acceleration_rate
         for k in range(N_FEATURES):
             seen[at + k] = min(max(seen[at + k], -schedule.bounds[k]), schedule.bounds[k])
 

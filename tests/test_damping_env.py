@@ -105,8 +105,23 @@ def test_panels_see_themselves_alike():
         obs, _ = env.reset(seed=seed)
         first, second = obs.reshape(2, N_FEATURES)
         assert (obs[4::N_FEATURES] < -1.5).all()  # a thousandth of the reward's energy scale
-        np.testing.assert_allclose(first[5:], -second[5:], atol=1e-6)  # what pushes one panel up pushes the other down
+        np.testing.assert_allclose(first[5:], second[5:], atol=1e-6)  # mirrored: both are pushed to their positive side
+        assert first[5] >= 0.0
         assert np.hypot(*first[5:]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_mirrored_panel_is_seen_alike():
+    """Nothing tells a panel from its mirror image: bent, moved and pushed to the other side."""
+    env, rng = make(), np.random.default_rng(0)
+    for _ in range(20):
+        obs, seen, mirrored = rng.uniform(-1.0, 1.0, 52), np.zeros(2 * N_FEATURES), np.zeros(2 * N_FEATURES)
+        obs[env.fields["reference_turn"].slice] = 0.0
+        see_one(env.law, obs, seen)
+        for name in ("elastic", "elastic_rate", "reference_velocity", "reference_acceleration"):
+            obs[env.fields[name].slice] *= -1.0
+        see_one(env.law, obs, mirrored)
+        np.testing.assert_array_equal(seen, mirrored)
+        assert (seen[5::N_FEATURES] > 0.0).all() and np.abs(seen[:4]).min() > 0.0
 
 
 def test_batch_equals_single_environments():

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from agents.evaluate import evaluate
 from agents.learned import LearnedSchedule, Network, load_policy, load_schedule, policy_title, save_schedule
 from agents.learning.algorithms import make_model
 from agents.learning.config import CONFIGS, load_config
-from agents.learning.export import export_run, export_zip, network_of, schedule_of
+from agents.learning.export import export_run, export_zip, network_of
 from agents.learning.folder import BEST, LAST, PROGRESS
 from agents.learning.train import train
 from agents.residual_env import SFFRFlexDampingEnv
@@ -33,7 +34,7 @@ def test_export_decides_as_torch_does(algo, change, tmp_path):
     model, env = make_model(config, seed=0)
     model.learn(config.steps)
     file = tmp_path / "policy.npz"
-    save_schedule(file, schedule_of(model, env.unwrapped.env, {"seed": 0}))
+    save_schedule(file, LearnedSchedule.of(network_of(model), env.unwrapped.env, {"seed": 0}))
     schedule = load_schedule(file)
     rng = np.random.default_rng(0)
     obs = rng.uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
@@ -45,7 +46,7 @@ def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
     with torch.no_grad():
         model.policy.action_net[0].weight *= 100.0  # else it hardly acts
-    schedule = schedule_of(model, env.unwrapped.env, {})
+    schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
     bare, damping = SFFRFlexEnv(scenario="excited"), SFFRFlexDampingEnv(duration=1.0, random_phase=False)
     bare.scenario = damping._distribution()
     policy = schedule.policy(bare.params)
@@ -127,15 +128,10 @@ def test_a_zips_code_is_not_run(tmp_path):
 @pytest.fixture
 def schedule():
     """A schedule that damps all the more, the more a panel moves."""
-    prior = load_params()
-    env = SFFRFlexDampingEnv(params=prior)
-    law = env.law.schedule
     matrix = np.zeros((2, 7))
     matrix[:, 4] = 1.0
-    return LearnedSchedule(
-        Network((matrix,), (np.zeros(2),), relu=False, squash=False), "ahsc", 10.0, 0.1, env.obs_names,
-        env.action_names, (law.energy, law.acceleration, law.acceleration_rate), {"algo": "none"},
-    )  # fmt: skip
+    network = Network((matrix,), (np.zeros(2),), relu=False, squash=False)
+    return LearnedSchedule.of(network, SFFRFlexDampingEnv(), {"algo": "none"})
 
 
 @pytest.fixture
@@ -156,10 +152,8 @@ def test_files_stand_beside_baselines_in_evaluation_and_benchmark(schedule, shor
     results = run_episodes(plan, tmp_path / "run", jobs=1)
     assert results == [own[0] for own in evaluation.results.values()]
     assert results[0].measures != results[1].measures
-    matrices = (2.0 * schedule.network.matrices[0],)
-    save_schedule(
-        file, LearnedSchedule(**vars(schedule) | {"network": Network(matrices, schedule.network.biases, False, False)})
-    )
+    network = Network((2.0 * schedule.network.matrices[0],), schedule.network.biases, False, False)
+    save_schedule(file, replace(schedule, network=network))
     with pytest.raises(ConfigError, match="another policy 'mine/best'"):
         run_episodes(plan, tmp_path / "run", jobs=1)
 

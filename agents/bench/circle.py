@@ -57,7 +57,7 @@ class Course(NamedTuple):
         B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
         return run(
             robot, episode.reference, episode.sensing, episode.impulses, law, buffers, 0, self.ticks, p, v, obs, B_hat,
-            record,
+            np.ones_like(B_hat), record,
         )  # fmt: skip
 
     @property

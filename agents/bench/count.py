@@ -124,8 +124,11 @@ def operations() -> dict[str, dict[str, int]]:
     course = make_course(1.0)
     policy: Any = make_policy("ahsc", course.params)
     law, B_hat, work, n = policy.law, policy.initial_damping(), mic_workspace(policy.law.prior), len(course.p)
+    factor = np.ones_like(B_hat)
     count_functions()
-    robot, reference, law, B_hat, work = (counting(each) for each in (course.robot, course.reference, law, B_hat, work))
+    robot, reference, law, B_hat, factor, work = map(
+        counting, (course.robot, course.reference, law, B_hat, factor, work)
+    )
     p, v, obs = counting(course.p), counting(course.v), counting(course.obs)
     buffers = counting(make_buffers(course.robot))
     tau, out, signals, command, wrench = (
@@ -136,7 +139,7 @@ def operations() -> dict[str, dict[str, int]]:
         "equations": lambda: accelerations(model, p, v, tau, inner, out),
         "step": lambda: advance(model, p, v, tau, robot.period, 1, robot.integrator, buffers.step),
         "view": lambda: view(robot, reference, Counted(0.1), p, v, buffers, obs, signals),
-        "law": lambda: control(law, obs, B_hat, work, command),
+        "law": lambda: control(law, obs, B_hat, factor, work, command),
         "plant": lambda: control_period(
             robot, reference, Counted(0.1), p, v, command, wrench, buffers, obs, signals
         ),

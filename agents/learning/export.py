@@ -23,22 +23,6 @@ from sffr_gym.beam import Array
 from sffr_gym.params import ConfigError, Params
 
 
-def schedule_of(model: Any, env: SFFRFlexDampingVectorEnv, about: dict[str, Any]) -> LearnedSchedule:
-    """The schedule that a model has learned.
-
-    Args:
-        model: see :func:`network_of`.
-        env: what it was trained in.
-        about: where it comes from, of plain values; see :func:`origin_of`.
-    """
-    law = env.law.schedule
-    return LearnedSchedule(
-        network=network_of(model), law=env.law_name, rho=law.rho, agent_period=law.hold * env.robot.period,
-        obs_names=env.obs_names, action_names=env.action_names,
-        scaling=(law.energy, law.acceleration, law.acceleration_rate), trained=about,
-    )  # fmt: skip
-
-
 def origin_of(config: TrainConfig, params: Params, **more: Any) -> dict[str, Any]:
     """What a policy's file says of its training: algorithm, hashes of configuration and suite, and whatever more."""
     suite = hash_of_suite(config.validation, params)
@@ -141,4 +125,5 @@ def export_zip(source: Path, config: TrainConfig, file: Path, trust: bool = Fals
 
 def _write(model: BaseAlgorithm, env: VecMonitor, config: TrainConfig, file: Path, **more: Any) -> None:
     batch: SFFRFlexDampingVectorEnv = env.unwrapped.env  # type: ignore[attr-defined]
-    save_schedule(file, schedule_of(model, batch, origin_of(config, batch.params, **more)))
+    about = origin_of(config, batch.params, **more)
+    save_schedule(file, LearnedSchedule.of(network_of(model), batch, about))

@@ -16,11 +16,11 @@ from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputF
 from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.evaluate import EVALUATION_SEED
-from agents.learned import save_schedule
+from agents.learned import LearnedSchedule, save_schedule
 from agents.learning.algorithms import make_model
 from agents.learning.checkpoint import load_checkpoint, save_checkpoint
 from agents.learning.config import VALIDATION_SEED, TrainConfig
-from agents.learning.export import origin_of, schedule_of
+from agents.learning.export import network_of, origin_of
 from agents.learning.folder import BEST, CHECKPOINTS, LAST, PROGRESS, begin_run, finish_run, holds_run, read_run
 from agents.learning.log import CsvTable
 from agents.learning.validation import Validator
@@ -129,7 +129,7 @@ class _Training(BaseCallback):
         """Score the policy as it is, keep it if it is the best so far, and log."""
         model = self._algorithm
         about = origin_of(self._config, self._batch.params, seed=self._seed, steps=model.num_timesteps)
-        schedule = schedule_of(model, self._batch, about)
+        schedule = LearnedSchedule.of(network_of(model), self._batch, about)
         scores = self._validate(schedule)
         self.notes |= {"validated": model.num_timesteps, "scores": scores}
         save_schedule(self._out / LAST, schedule)
