@@ -88,22 +88,34 @@ def step_damping(fleet: Fleet, batch: Batch, law: Law, damping: Damping, actions
 @kernel(allocates=True, nogil=True)
 def damping_range(fleet, batch, law, damping, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one decision, one after the other."""
-    _decide(fleet, batch, law, damping, actions, active, first, last, ONE)
+    robot = robot_at(fleet, first, np.zeros(2, dtype=np.int64))
+    buffers = make_buffers(robot)
+    _decide(
+        fleet, robot, batch, law, damping, actions, active, first, last, make_group(robot, ONE), buffers, buffers,
+        _make_decision(robot, law, ONE), mic_workspace(law.prior),
+    )  # fmt: skip
 
 
 @kernel(allocates=True, nogil=True)
 def damping_lanes(fleet, batch, law, damping, actions, active, first, last):
     """Do the same in lanes, for robots that are alike and as many as fill all lanes."""
-    _decide(fleet, batch, law, damping, actions, active, first, last, in_lanes(ONE))
+    robot, one = robot_at(fleet, first, np.zeros(2, dtype=np.int64)), in_lanes(ONE)
+    _decide(
+        fleet, robot, batch, law, damping, actions, active, first, last, make_group(robot, one),
+        make_buffers(robot, one), make_buffers(robot), _make_decision(robot, law, one), mic_workspace(law.prior, one),
+    )  # fmt: skip
 
 
 @kernel(allocates=True, inline=True)
-def _decide(fleet, batch, law, damping, actions, active, first, last, one):
-    """Advance environments by numbers of the kind of ``one``; see :func:`lanes.zeros`."""
+def _decide(
+    fleet, robot, batch, law, damping, actions, active, first, last, group, buffers, alone, decision, work
+):  # fmt: skip
+    """Advance environments, as many at once as a group holds.
+
+    robot: the first one, or all of them; buffers: the group's; alone: those of a single robot; decision: a
+        :class:`Decision`; work: a :class:`mic.MicWork`.
+    """
     cursor = np.zeros(2, dtype=np.int64)
-    robot = robot_at(fleet, first, cursor)
-    group, buffers, alone = make_group(robot, one), make_buffers(robot, one), make_buffers(robot)
-    decision, work = _make_decision(robot, law, one), mic_workspace(law.prior, one)
     width = columns(group.t).shape[1]
     running = np.zeros(width, dtype=np.bool_)
     for i in range(first, last, width):

@@ -144,9 +144,12 @@ def stretch(law, rho, decision, factor):
                 at += 1
 
 
-@kernel(inline=True)
+@kernel
 def reschedule(law, obs, work, factor):
-    """Let the network choose the factors (n_p, 3) of the virtual damping for an observation."""
+    """Let the network choose the factors (n_p, 3) of the virtual damping for an observation.
+
+    Not inlined, since it is called seldom, and its code would slow down the loop around it.
+    """
     schedule = law.schedule
     look(law, obs, work.seen)
     n_in, n_out = schedule.sizes[0], schedule.sizes[-1]

@@ -18,6 +18,7 @@ from sffr_gym.disturbances import Impulses, Sensing, hit, sense
 from sffr_gym.episode import Episode
 from sffr_gym.fleet import Fleet, robot_at
 from sffr_gym.lanes import ONE, WIDTH, columns, gather, in_lanes, put, take, zeros
+from sffr_gym.memory import make_tape
 from sffr_gym.model import IntArray, n_positions
 from sffr_gym.reference import Reference
 from sffr_gym.scenario import MOST_IMPULSES
@@ -199,21 +200,30 @@ def _in_threads(advance: Callable[[int, int], Any], first: int, last: int, small
 @kernel(allocates=True, nogil=True)
 def step_range(fleet, batch, actions, active, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period, one after the other."""
-    _step(fleet, batch, actions, active, first, last, ONE)
+    robot = robot_at(fleet, first, np.zeros(2, dtype=np.int64))
+    needed = make_tape(0)
+    make_group(robot, needed), make_buffers(robot, needed)
+    tape = make_tape(needed.at[0])
+    group, buffers = make_group(robot, tape), make_buffers(robot, tape)
+    _step(fleet, robot, batch, actions, active, first, last, group, buffers, buffers)
+    tape.at[0] = 0  # it must live up to here
 
 
 @kernel(allocates=True, nogil=True)
 def step_lanes(fleet, batch, actions, active, first, last):
     """Do the same in lanes, for robots that are alike and as many as fill all lanes."""
-    _step(fleet, batch, actions, active, first, last, in_lanes(ONE))
+    robot, one = robot_at(fleet, first, np.zeros(2, dtype=np.int64)), in_lanes(ONE)
+    group, buffers = make_group(robot, one), make_buffers(robot, one)
+    _step(fleet, robot, batch, actions, active, first, last, group, buffers, make_buffers(robot))
 
 
 @kernel(allocates=True, inline=True)
-def _step(fleet, batch, actions, active, first, last, one):
-    """Advance environments by numbers of the kind of ``one``; see :func:`lanes.zeros`."""
+def _step(fleet, robot, batch, actions, active, first, last, group, buffers, alone):
+    """Advance environments, as many at once as a group holds.
+
+    robot: the first one, or all of them; buffers: the group's; alone: those of a single robot.
+    """
     cursor = np.zeros(2, dtype=np.int64)
-    robot = robot_at(fleet, first, cursor)
-    group, buffers, alone = make_group(robot, one), make_buffers(robot, one), make_buffers(robot)
     width = columns(group.t).shape[1]
     for i in range(first, last, width):
         if len(fleet.numbers) > 1:  # looking at another robot takes a tenth of a period

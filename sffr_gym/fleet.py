@@ -9,14 +9,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import config
-from numba.core import cgutils, types
-from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
 
 from sffr_gym._jit import kernel
 from sffr_gym.actuators import Actuators
 from sffr_gym.beam import Array
+from sffr_gym.memory import Tape, matrix, number, tensor, vector
 from sffr_gym.model import IntArray, Model
 from sffr_gym.task import Robot
 
@@ -33,13 +30,6 @@ class Fleet(NamedTuple):
     numbers: Array
     integers: IntArray
     staggered: tuple[bool, ...]
-
-
-class Reader(NamedTuple):
-    """A place in a row from which the next number or array is taken."""
-
-    data: Array
-    at: IntArray  # (1,)
 
 
 def make_fleet(robot: Robot, n: int = 1) -> Fleet:
@@ -70,60 +60,60 @@ def robot_at(fleet, i, cursor):
     cursor: (2,) of integers, overwritten.
     """
     cursor[:] = 0
-    x, k = Reader(fleet.numbers[min(i, len(fleet.numbers) - 1)], cursor[:1]), Reader(fleet.integers, cursor[1:])
-    n_a, n_l, n_p, n_m, n_f, n_c = _next(k), _next(k), _next(k), _next(k), _next(k), _next(k)
-    n_g, n_s, n_h, n_o, n_axial = _next(k), _next(k), _next(k), _next(k), _next(k)
+    x, k = Tape(fleet.numbers[min(i, len(fleet.numbers) - 1)], cursor[:1]), Tape(fleet.integers, cursor[1:])
+    n_a, n_l, n_p, n_m, n_f, n_c = number(k), number(k), number(k), number(k), number(k), number(k)
+    n_g, n_s, n_h, n_o, n_axial = number(k), number(k), number(k), number(k), number(k)
     model = Model(
-        base_mass=_next(x),
-        base_inertia=_next(x),
-        arm_first=_vector(k, n_a + 1),
-        arm_mount=_matrix(x, n_a, 3),
-        link_mass=_vector(x, n_l),
-        link_inertia=_vector(x, n_l),
-        link_length=_vector(x, n_l),
-        link_com=_vector(x, n_l),
-        panel_root=_matrix(x, n_p, 2),
-        panel_axis=_matrix(x, n_p, 2),
-        panel_inertia=_matrix(x, n_p, 3),
-        n_axial=_next(k),
-        omega2=_matrix(x, n_p, n_m),
-        damping=_matrix(x, n_p, n_m),
-        translation=_matrix(x, n_p, n_m),
-        rotation=_matrix(x, n_p, n_m),
-        gyro=_tensor(x, n_p, n_m - n_axial, n_axial),
-        shapes=_tensor(x, n_p, n_f, n_m),
-        inverse=_tensor(x, n_p, n_m, n_f),
-        object_mass=_next(x),
-        object_inertia=_next(x),
-        grasp_arm=_vector(k, n_g),
-        grasp_point=_matrix(x, n_g, 2),
+        base_mass=number(x),
+        base_inertia=number(x),
+        arm_first=vector(k, n_a + 1),
+        arm_mount=matrix(x, n_a, 3),
+        link_mass=vector(x, n_l),
+        link_inertia=vector(x, n_l),
+        link_length=vector(x, n_l),
+        link_com=vector(x, n_l),
+        panel_root=matrix(x, n_p, 2),
+        panel_axis=matrix(x, n_p, 2),
+        panel_inertia=matrix(x, n_p, 3),
+        n_axial=number(k),
+        omega2=matrix(x, n_p, n_m),
+        damping=matrix(x, n_p, n_m),
+        translation=matrix(x, n_p, n_m),
+        rotation=matrix(x, n_p, n_m),
+        gyro=tensor(x, n_p, n_m - n_axial, n_axial),
+        shapes=tensor(x, n_p, n_f, n_m),
+        inverse=tensor(x, n_p, n_m, n_f),
+        object_mass=number(x),
+        object_inertia=number(x),
+        grasp_arm=vector(k, n_g),
+        grasp_point=matrix(x, n_g, 2),
         staggered=fleet.staggered,
-        baumgarte=_next(x),
-        longest_step=_next(x),
-        stiff=_matrix(k, n_s, 3),
-        stiff_omega=_vector(x, n_s),
-        eta=_next(x),
+        baumgarte=number(x),
+        longest_step=number(x),
+        stiff=matrix(k, n_s, 3),
+        stiff_omega=vector(x, n_s),
+        eta=number(x),
     )
     n_u = n_p * n_c + 3 + n_l
     actuators = Actuators(
-        limit=_vector(x, n_u),
-        K_PZ=_tensor(x, n_p, 3, n_c),
-        allocation=_tensor(x, n_p, n_c, 3),
-        gain=_matrix(x, n_p, n_c),
-        reach=_tensor(x, n_p, n_m, n_c),
-        tips=_tensor(x, n_p, n_m, 3),
+        limit=vector(x, n_u),
+        K_PZ=tensor(x, n_p, 3, n_c),
+        allocation=tensor(x, n_p, n_c, 3),
+        gain=matrix(x, n_p, n_c),
+        reach=tensor(x, n_p, n_m, n_c),
+        tips=tensor(x, n_p, n_m, 3),
     )
     return Robot(
         model=model,
         actuators=actuators,
-        held=_vector(k, n_h),
-        period=_next(x),
-        steps=_next(k),
-        integrator=_next(k),
-        limit=_vector(x, 3),
-        scale=_vector(x, n_u),
-        bound=_vector(x, n_o),
-        weight=_vector(x, 3),
+        held=vector(k, n_h),
+        period=number(x),
+        steps=number(k),
+        integrator=number(k),
+        limit=vector(x, 3),
+        scale=vector(x, n_u),
+        bound=vector(x, n_o),
+        weight=vector(x, 3),
     )
 
 
@@ -144,62 +134,3 @@ def _flatten(robot: Robot) -> tuple[Array, IntArray]:
 def _leaves(value: Any) -> list[Any]:
     """Fields of nested tuples, depth first."""
     return [leaf for field in value for leaf in _leaves(field)] if isinstance(value, tuple) else [value]
-
-
-@kernel(inline=True, allocates=True)
-def _next(reader):
-    at = reader.at[0]
-    reader.at[0] = at + 1
-    return reader.data[at]
-
-
-@kernel(inline=True, allocates=True)
-def _vector(reader, n):
-    at = reader.at[0]
-    reader.at[0] = at + n
-    return _borrow(reader.data, at, (n,))
-
-
-@kernel(inline=True, allocates=True)
-def _matrix(reader, n, m):
-    at = reader.at[0]
-    reader.at[0] = at + n * m
-    return _borrow(reader.data, at, (n, m))
-
-
-@kernel(inline=True, allocates=True)
-def _tensor(reader, n, m, k):
-    at = reader.at[0]
-    reader.at[0] = at + n * m * k
-    return _borrow(reader.data, at, (n, m, k))
-
-
-if config.DISABLE_JIT:
-
-    def _borrow(data: Any, at: Any, shape: Any) -> Any:
-        return data[at : at + int(np.prod(shape))].reshape(shape)
-
-else:
-
-    @intrinsic
-    def _borrow(typingctx: Any, data: Any, at: Any, shape: Any) -> Any:
-        """An array of a shape over ``data`` (1-D, contiguous) from an index on, without a share in its ownership."""
-        result = types.Array(data.dtype, len(shape), "C")
-
-        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            source = make_array(data)(context, builder, arguments[0])
-            dims = cgutils.unpack_tuple(builder, arguments[2])
-            size = context.get_abi_sizeof(context.get_data_type(data.dtype))
-            strides: list[Any] = []
-            step = context.get_constant(types.intp, size)
-            for dim in reversed(dims):
-                strides.insert(0, step)
-                step = builder.mul(step, dim)
-            array = make_array(result)(context, builder)
-            populate_array(
-                array, data=builder.gep(source.data, [arguments[1]]), shape=dims, strides=strides,
-                itemsize=context.get_constant(types.intp, size), meminfo=None,
-            )  # fmt: skip
-            return array._getvalue()
-
-        return result(data, at, shape), codegen

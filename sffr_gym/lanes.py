@@ -26,6 +26,7 @@ from numba.extending import box, intrinsic, overload
 from numba.np.arrayobj import make_array, populate_array
 
 from sffr_gym._jit import kernel
+from sffr_gym.memory import matrix, tensor, vector
 
 WIDTH = 8  # of AVX-512; narrower machines take two or four instructions for one
 ALIGNMENT = 64  # bytes
@@ -88,7 +89,7 @@ def floor(x: Any) -> Any:
 
 
 def zeros(one: Any, shape: Any) -> Any:
-    """An array of zeros of the kind of ``one``: plain numbers for ``ONE``, lanes for :func:`in_lanes`."""
+    """An array of zeros: of plain numbers for ``ONE``, of lanes for :func:`in_lanes`, or the next part of a tape."""
     return np.zeros(shape)
 
 
@@ -325,6 +326,13 @@ def _floor_overload(x):
 
 @overload(zeros, prefer_literal=False)
 def _zeros_overload(one, shape):
+    if isinstance(one, types.NamedTuple):
+        kinds = {
+            1: lambda one, shape: vector(one, shape[0]),
+            2: lambda one, shape: matrix(one, shape[0], shape[1]),
+            3: lambda one, shape: tensor(one, shape[0], shape[1], shape[2]),
+        }
+        return (lambda one, shape: vector(one, shape)) if isinstance(shape, types.Integer) else kinds[len(shape)]
     return (lambda one, shape: _zeros(shape)) if one == lanes else lambda one, shape: np.zeros(shape)
 
 

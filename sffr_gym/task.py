@@ -210,8 +210,9 @@ def _status(robot, p, v, obs, buffers):
     outcome = RUNNING
     for k in range(len(obs)):
         beyond = abs(obs[k]) > robot.bound[k]
-        outcome = where(beyond, OUT_OF_RANGE, outcome)
-        obs[k] = where(beyond, where(obs[k] > 0.0, robot.bound[k], -robot.bound[k]), obs[k])
+        if any_lane(beyond):
+            outcome = where(beyond, OUT_OF_RANGE, outcome)
+            obs[k] = where(beyond, where(obs[k] > 0.0, robot.bound[k], -robot.bound[k]), obs[k])
     cp = sp = 0.0
     if model.object_mass > 0.0:
         cp, sp = cos(p[len(p) - 1]), sin(p[len(p) - 1])
