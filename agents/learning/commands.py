@@ -69,6 +69,7 @@ class TrainingDisplay:
         if scores != self._shown:
             self._shown = scores
             self._console.print(f"{done:>11,} steps: {describe(scores)}", soft_wrap=True)
+            self._bar.update(self._task, description=f"cost {number(scores['cost'])}")
         self._bar.start_task(self._task)
         speed = self._bar.tasks[0].speed
         self._bar.update(self._task, completed=done, total=total, rate=f"{speed:,.0f} steps/s," if speed else "")
