@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results test bench format lint types contracts check clean
+.PHONY: help run verify results train test bench format lint types contracts check clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -23,6 +23,15 @@ verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Ex
 
 results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
 	$(BIN)/sffr benchmark --docs docs
+
+train: $(VENV)/.dev ## PPO and SAC with five seeds each (hours), and their scores and figures; what is there goes on
+	@for algo in ppo sac; do for seed in 0 1 2 3 4; do \
+		out=runs/train/$$algo-$$seed; \
+		$(BIN)/sffr train --algo $$algo --seed $$seed --out $$out $$(test -e $$out/train.json && echo --resume) || exit; \
+	done; done
+	$(BIN)/sffr curves runs/train/* --out docs/images/learning.png
+	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --episodes 100 --out runs/train-scores
+	$(BIN)/sffr seeds runs/train-scores
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)

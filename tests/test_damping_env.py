@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
+from stable_baselines3.common.vec_env import VecMonitor
 
 from agents.residual_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
 from agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
@@ -196,6 +197,20 @@ def test_vec_env_gives_last_observations_and_says_why_episodes_end(per_panel):
     np.testing.assert_array_equal(last, expected.reshape(env.num_envs, -1))
     assert all(info["TimeLimit.truncated"] for info in infos)
     assert (obs != last).any()
+
+
+@pytest.mark.parametrize("per_panel", [False, True])
+def test_vec_monitor_keeps_the_statistics_of_episodes(per_panel):
+    env = VecMonitor(make_sb3_vec_env(2, per_panel, duration=0.3))
+    env.seed(4)
+    env.reset()
+    steps = [env.step(np.zeros((env.num_envs, *env.action_space.shape), np.float32)) for _ in range(4)]
+    total = sum(rewards for _, rewards, _, _ in steps[:3])
+    assert [[("episode" in info) for info in infos] for *_, infos in steps] == [
+        [k == 2] * env.num_envs for k in range(4)
+    ]  # fmt: skip
+    for info, value in zip(steps[2][3], total, strict=True):
+        assert info["episode"]["l"] == 3 and info["episode"]["r"] == pytest.approx(value, rel=1e-4)
 
 
 def test_vec_env_needs_the_autoreset_of_sb3():

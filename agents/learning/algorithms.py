@@ -23,6 +23,7 @@ CLASSES = {
     "tqc": ("sb3_contrib", "TQC"),
     "crossq": ("sb3_contrib", "CrossQ"),
 }
+ADAPT_ENTROPY = ("sac", "tqc", "crossq")
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 
 
@@ -50,6 +51,8 @@ def make_model(config: TrainConfig, seed: int) -> tuple[BaseAlgorithm, VecMonito
     elif by_energy:
         settings["replay_buffer_class"] = EnergyReplayBuffer
         settings["replay_buffer_kwargs"] = {"gamma": settings["gamma"]}
+    if config.algo in ADAPT_ENTROPY:
+        settings["ent_coef"] = f"auto_{settings['ent_coef']}"
     if config.algo == "td3":
         spread = np.full(env.action_space.shape or (), settings["action_noise"])
         settings["action_noise"] = NormalActionNoise(np.zeros_like(spread), spread)

@@ -15,10 +15,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.benchmark.commands import Bar
+from agents.benchmark.page import markdown_table, show
 from agents.display import COMPILING
 from agents.evaluate import number
 from agents.learning.config import CONFIGS, VALIDATION_SEED, load_config
+from agents.learning.seeds import score_seeds
 from agents.learning.tune_config import load_tune
+from agents.run_folder import read_episodes
+from agents.score import REFERENCE, WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError, load_params
 from sffr_gym._jit import is_compiled
@@ -33,6 +37,7 @@ def add_commands(app: typer.Typer) -> None:
     app.command("tune", no_args_is_help=True)(tune_command)
     app.command("curves", no_args_is_help=True)(curves_command)
     app.command("phase", no_args_is_help=True)(phase_command)
+    app.command("seeds", no_args_is_help=True)(seeds_command)
 
 
 class TrainingDisplay:
@@ -69,6 +74,7 @@ class TrainingDisplay:
         if scores != self._shown:
             self._shown = scores
             self._console.print(f"{done:>11,} steps: {describe(scores)}", soft_wrap=True)
+            self._bar.update(self._task, description=f"cost {number(scores['cost'])}")
         self._bar.start_task(self._task)
         speed = self._bar.tasks[0].speed
         self._bar.update(self._task, completed=done, total=total, rate=f"{speed:,.0f} steps/s," if speed else "")
@@ -234,6 +240,27 @@ def curves_command(
             f"most {number(minutes)} min: vibration / AHSC's {ends}", soft_wrap=True,
         )  # fmt: skip
     console.print(str(out), markup=False, soft_wrap=True)
+
+
+def seeds_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of sffr benchmark.")],
+) -> None:
+    """Print scores over training seeds as Markdown, of a benchmark of policies named such as ppo-0/best, ppo-1/best.
+
+    Relative to AHSC on the same episode: interquartile mean over seeds and episodes, with a 95 % interval of the
+    bootstrap that draws seeds and episodes anew.
+    """
+    with user_errors():
+        scores = score_seeds(read_episodes(run))
+    rows = [
+        [scenario, f"`{name}`", f"{score.seeds} x {score.episodes}", *map(show, score.ratios.values()),
+         show(score.cost), str(score.failed)]
+        for scenario, own in scores.items()
+        for name, score in own.items()
+        if name != REFERENCE
+    ]  # fmt: skip
+    head = ["scenario", "policy", "seeds x episodes", *(f"{name} ratio" for name in WEIGHTS), "cost", "failed"]
+    typer.echo(markdown_table(head, rows))
 
 
 def phase_command(

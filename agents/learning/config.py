@@ -94,6 +94,12 @@ class SoftTarget(ReplaySettings):
     tau: float = Field(default=0.005, gt=0.0, le=1.0, description="how fast")
 
 
+class SACSettings(SoftTarget):
+    """Arguments of SAC."""
+
+    ent_coef: Positive = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
+
+
 class TD3Settings(SoftTarget):
     """Arguments of TD3."""
 
@@ -102,10 +108,16 @@ class TD3Settings(SoftTarget):
     action_noise: NonNegative = Field(default=0.2, description="spread of the actions while collecting")
 
 
-class TQCSettings(SoftTarget):
+class TQCSettings(SACSettings):
     """Arguments of TQC."""
 
     top_quantiles_to_drop_per_net: int = Field(default=2, ge=0, description="of each critic")
+
+
+class CrossQSettings(ReplaySettings):
+    """Arguments of CrossQ."""
+
+    ent_coef: Positive = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
 
 
 class TrainConfig(Section):
@@ -134,7 +146,7 @@ class PPOConfig(TrainConfig):
 class SACConfig(TrainConfig):
     """Training by SAC."""
 
-    learning: SoftTarget = SoftTarget()
+    learning: SACSettings = SACSettings()
 
 
 class TD3Config(TrainConfig):
@@ -152,7 +164,7 @@ class TQCConfig(TrainConfig):
 class CrossQConfig(TrainConfig):
     """Training by CrossQ."""
 
-    learning: ReplaySettings = ReplaySettings()
+    learning: CrossQSettings = CrossQSettings()
 
 
 CONFIGS: dict[str, type[TrainConfig]] = {
