@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import resources
 from pathlib import Path
@@ -17,7 +18,7 @@ from agents import cli
 from agents.recording import RECORDINGS, Recording, file_of, grasp_forces, recording_files
 from agents.report.page import PAGE, SCRIPTS, STYLES, page, report
 from agents.report.replay import episode_data, group, table
-from agents.report.runs import read_run, score_table
+from agents.report.runs import Run, read_run, score_table
 from agents.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 from agents.score import Result
 from baselines import make_policy
@@ -215,13 +216,34 @@ def test_scores_are_means_in_the_heads_units():
     scores = score_table("made-up", group)
     heads = [head for head, _ in scores.heads]
     vibration, tracking = heads.index("vibration"), heads.index("tracking, rms")
-    assert scores.heads[vibration][1] == "mJ" and scores.heads[tracking][1] == "µm" and scores.episodes == 2
+    assert scores.heads[vibration][1] == "mJ" and scores.heads[tracking][1] == "µm"
+    assert scores.title == "made-up: 2 episodes of each policy"
     rows = {policy: cells for policy, cells, _ in scores.rows}
     assert rows["none"][vibration].text == "30.0" and rows["ahsc"][vibration].text == "1.00"
     assert rows["ahsc"][0].text == "1.00" and rows["ahsc"][vibration].share == pytest.approx(1 / 30)
     assert (
         scores.verdict == "ahsc keeps the panels calmest: 1.00 mJ of vibration on average, 30.0 times less than none."
     )
+
+
+def test_many_scenarios_have_an_overview():
+    energies = {"one": {"none": 2e-3, "ahsc": 1e-3}, "two": {"none": 4e-3, "ahsc": 1e-3, "hsc": 2e-3}}
+    results = [
+        replace(made_up(policy, energy), scenario=name)
+        for name, each in energies.items()
+        for policy, energy in each.items()
+    ]
+    table = Run("many", results, {}, [], []).overview
+    assert [head for head, _ in table.heads] == ["one", "two"]
+    costs = {policy: [cell.text for cell in cells] for policy, cells, _ in table.rows}
+    assert costs == {"none": ["1.60", "2.80"], "ahsc": ["1.00", "1.00"], "hsc": ["", "1.60"]}
+    assert table.verdict == "" and Run("one", results[:2], {}, [], []).overview is None
+    assert Run("no reference", [results[0], results[2]], {}, [], []).overview is None
+
+
+def test_page_of_a_benchmark_shows_its_costs():
+    text = page([Run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")], {}, [], [])])
+    assert "cost in each scenario" in text and "one: 1 episode of each policy" in text
 
 
 def test_verdict_leaves_out_what_failed():

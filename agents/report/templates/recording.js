@@ -32,6 +32,11 @@ class Recording {
     return Float32Array.from({ length: this.rows }, (_, row) => this.table[row * this.width + start]);
   }
 
+  /** What the panels vibrate on average [J]; infinite if the policy failed. */
+  get unrest() {
+    return this.failure ? Infinity : this.column("energy", 0).reduce((sum, energy) => sum + energy / this.rows, 0);
+  }
+
   /** The largest magnitude among a name's columns, row by row. */
   largest(name) {
     const [start, width] = this.layout[name];
