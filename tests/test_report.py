@@ -23,7 +23,7 @@ from agents.score import Result
 from baselines import make_policy
 from baselines.rollout import rollout
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.geometry import panel_line, place_in_panel
+from sffr_gym.geometry import panel_line, place_in_panel, tips_of_modes
 from sffr_gym.metrics import MEASURES
 from sffr_gym.model import mode_slice, pack
 from sffr_gym.task import ERROR, VIBRATION
@@ -238,6 +238,9 @@ def test_quasi_static_shape_is_near_a_calmed_panel(recording):
     late = recording.t > 40.0
     modes, rest = (found[name][late].reshape(-1, 2, 3)[:, :, 1] for name in ("modes", "rest"))
     away = modes - rest
+    np.testing.assert_allclose(
+        found["tips"] - found["swing"], tips_of_modes(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
+    )
     assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(rest**2))
 
 

@@ -120,12 +120,12 @@ class Scene {
     surface.polygon(this.panelOutline(state, k, factor), null, edge, 2);
   }
 
-  /** A bar beyond each tip: how far it went in the last seconds. Bars of several policies lie side by side. */
+  /** A bar beyond each tip: how far it swung in the last seconds. Bars of several policies lie side by side. */
   drawSwing({ recording, state, colour }, t, factor, rank) {
     const { robot, surface, unit } = this;
     robot.panels.forEach((panel, k) => {
       const along = panel.length + 0.25 + Scene.APART * rank;
-      const [low, high] = recording.swing(t, k).map((tip) => factor * tip);
+      const [low, high] = swingEnds(recording, state, k, t).map((tip) => factor * tip);
       const at = (x, y) => this.place(fromPanel(robot, state, k, x, y));
       surface.line([at(along, low), at(along, high)], colour, 4 * unit);
       for (const end of [low, high]) surface.line([at(along - 0.09, end), at(along + 0.09, end)], colour, 2.5 * unit);
