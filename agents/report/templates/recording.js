@@ -1,6 +1,6 @@
 /** One policy's episode: rows of numbers, `step` seconds apart; `layout` says which columns mean what. */
 class Recording {
-  static SWING = 10; // s over which a tip's swing about its shape at rest is looked back at, about a period of the first mode
+  static SWING = 10; // s over which a tip's swing is looked back at, about a period of the first mode
 
   constructor(policy) {
     const { name, colour, failure, step, rows, layout, width, spectra, use } = policy;
