@@ -238,9 +238,8 @@ def test_quasi_static_shape_is_near_a_calmed_panel(recording):
     late = recording.t > 40.0
     modes, rest = (found[name][late].reshape(-1, 2, 3)[:, :, 1] for name in ("modes", "rest"))
     away = modes - rest
-    np.testing.assert_allclose(
-        found["tips"] - found["swing"], tips_of_modes(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
-    )
+    still = tips_of_modes(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
+    np.testing.assert_allclose(found["tips"] - found["swing"], still, atol=1e-12)  # m
     assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(rest**2))
 
 
