@@ -54,7 +54,11 @@ def place_in_panel(model: Model, p: Array, panel: int, local: Array) -> Array:
 
 def tip_deflections(model: Model, p: Array) -> Array:
     """Transverse tip deflections (rows, n_p) [m] of positions (rows, n)."""
-    amplitudes = p[:, mode_slice(model)].reshape(len(p), *model.omega2.shape)
+    return tips_of_modes(model, p[:, mode_slice(model)].reshape(len(p), *model.omega2.shape))
+
+
+def tips_of_modes(model: Model, amplitudes: Array) -> Array:
+    """Transverse tip deflections (rows, n_p) [m] of modal amplitudes (rows, n_p, n_m)."""
     tips: Array = np.einsum("pm,tpm->tp", model.shapes[:, -N_TIP + 1, :], amplitudes)
     return tips
 
@@ -77,6 +81,14 @@ def resting_amplitudes(model: Model, reference: Reference, a: Array, turn: Array
         across = (a - turn[:, None] ** 2 * arm) @ rotation(reference.yaw) @ np.array([-axis[1], axis[0]])
         amplitudes[:, i, bending] = -across[:, None] * model.translation[i, bending] / model.omega2[i, bending]
     return amplitudes
+
+
+def resting_over_time(model: Model, reference: Reference, t: Array) -> Array:
+    """Amplitudes (rows, n_p, n_m) of that shape at times (rows,) [s] of the desired motion."""
+    turn = reference.turning * reference.rate
+    angle = reference.phase + reference.rate * t - turn * t  # in the reference axes
+    a = reference.radius * reference.rate**2 * np.column_stack([-np.sin(angle), np.cos(angle)])
+    return resting_amplitudes(model, reference, a, np.full(len(t), turn))
 
 
 def in_base_axes(model: Model, p: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from sffr_gym import strip
 from sffr_gym.beam import Array
 from sffr_gym.canvas import Canvas, Colour
-from sffr_gym.geometry import force_scales, resting_amplitudes, tip_deflections
+from sffr_gym.geometry import force_scales, resting_over_time, tip_deflections, tips_of_modes
 from sffr_gym.model import N_BASE, Model, mode_slice, object_slice
 from sffr_gym.params import Params
 from sffr_gym.portrait import (
@@ -44,7 +44,7 @@ ALARM: Colour = (255, 110, 110)
 ACCENT: Colour = (120, 180, 255)
 THRUST: Colour = (255, 176, 96)
 SIDES: tuple[Colour, ...] = ((120, 200, 255), (255, 190, 90), (150, 230, 140), (240, 140, 220))  # a panel's line each
-SWING = 10.0  # s over which the bars beyond the tips show how far they went, about a period of the first mode
+SWING = 10.0  # s over which the bars beyond the tips show how far they swung, about a period of the first mode
 MARGIN = 0.55  # m around the robot
 
 
@@ -113,12 +113,12 @@ class Renderer:
     def __call__(self, snapshot: Snapshot) -> np.ndarray:
         """The picture (size, size, 3), uint8."""
         canvas = Canvas(self.look.size, self.look.size, SPACE)
-        view, grasp, tips = self._view(snapshot.p), self._grasp(snapshot), self._recent_tips(snapshot)
+        view, grasp, swing = self._view(snapshot.p), self._grasp(snapshot), self._swing(snapshot)
         self._draw_path(canvas, view, snapshot.t)
-        self._draw_robot(canvas, view, snapshot, grasp, tips)
+        self._draw_robot(canvas, view, snapshot, grasp, swing)
         for top, bottom in (0.0, self._top), (self._bottom, float(self.look.size)):
             canvas.box(0.0, top, self.look.size, bottom, SPACE)
-        self._draw_title(canvas, snapshot, tips)
+        self._draw_title(canvas, snapshot, swing)
         self._draw_map(canvas, snapshot)
         self._draw_keys(canvas, view, snapshot, grasp)
         self._draw_plots(canvas, snapshot)
@@ -165,16 +165,16 @@ class Renderer:
         for way in np.array([[1.0, 0.0], [0.0, 1.0]]):
             canvas.line([(x, y) - 16 * self._u * way, (x, y) + 16 * self._u * way], COVERED, 1.2 * self._u)
 
-    def _draw_robot(self, canvas: Canvas, view: View, snapshot: Snapshot, grasp: Array, tips: Array) -> None:
+    def _draw_robot(self, canvas: Canvas, view: View, snapshot: Snapshot, grasp: Array, swing: Array) -> None:
         model, params, p = self.model, self.params, snapshot.p
         n_p, n_c = len(model.panel_root), self._sim.actuators.K_PZ.shape[2]
         volts = snapshot.applied[: n_p * n_c].reshape(n_p, n_c)
         factor, rest = self.look.exaggeration, self._at_rest(snapshot)
+        ends = factor * (tip_deflections(model, rest[None]) + np.array([swing.min(axis=0), swing.max(axis=0)]))
         draw_plumes(canvas, view, params, p, self._thrust(snapshot), self._scales.thrust)
         for i in range(n_p):
-            ends = factor * np.array([tips[:, i].min(), tips[:, i].max()])
             draw_rest(canvas, view, model, params, rest, i, factor)
-            draw_swing(canvas, view, model, p, i, params.panel.length, ends, SIDES[i % len(SIDES)])
+            draw_swing(canvas, view, model, p, i, params.panel.length, ends[:, i], SIDES[i % len(SIDES)])
             draw_panel(canvas, view, model, params, p, i, factor, volts[i])
         draw_base(canvas, view, params, p)
         for i, arm in sorted(enumerate(params.arms), key=lambda each: each[0] in model.grasp_arm):
@@ -182,13 +182,13 @@ class Renderer:
         if params.object is not None:
             draw_object(canvas, view, model, p, grasp, self._scales.grasp)
 
-    def _draw_title(self, canvas: Canvas, snapshot: Snapshot, tips: Array) -> None:
+    def _draw_title(self, canvas: Canvas, snapshot: Snapshot, swing: Array) -> None:
         u, right = self._u, self.look.size - 14 * self._u
         canvas.text((14 * u, 20 * u), self.title, 24 * u, self.look.colour)
         below = "   ".join(text for text in (self.subtitle, f"t = {snapshot.t:.1f} s") if text)
         canvas.text((14 * u, 42 * u), below, 13 * u, FAINT)
-        if tips.size:
-            canvas.text((right, 20 * u), f"{1000.0 * np.ptp(tips, axis=0).max():.0f} mm", 24 * u, INK, "rm")
+        if swing.size:
+            canvas.text((right, 20 * u), f"{1000.0 * np.ptp(swing, axis=0).max():.0f} mm", 24 * u, INK, "rm")
             canvas.text((right, 42 * u), f"swing of the tips, last {SWING:g} s", 13 * u, FAINT, "rm")
         if snapshot.failure:
             canvas.text((self.look.size / 2, self._top + 16 * u), f"failed: {snapshot.failure}", 16 * u, ALARM, "mm")
@@ -259,17 +259,17 @@ class Renderer:
 
     def _at_rest(self, snapshot: Snapshot) -> Array:
         """The positions (n,) with the panels in the shape that the path alone bends them to."""
-        model, reference, p = self.model, self.reference, snapshot.p.copy()
-        turn = reference.turning * reference.rate
-        angle = reference.phase + reference.rate * snapshot.t - turn * snapshot.t  # in the reference axes
-        a = reference.radius * reference.rate**2 * np.array([[-np.sin(angle), np.cos(angle)]])
-        p[mode_slice(model)] = resting_amplitudes(model, reference, a, np.array([turn])).ravel()
+        p = snapshot.p.copy()
+        p[mode_slice(self.model)] = resting_over_time(self.model, self.reference, np.array([snapshot.t])).ravel()
         return p
 
-    def _recent_tips(self, snapshot: Snapshot) -> Array:
-        """Transverse tip deflections (k, n_p) [m] of the last ``SWING`` seconds, the present ones last."""
-        recent = snapshot.trace[snapshot.trace[:, 0] >= snapshot.t - SWING, 3 : 3 + len(self.model.panel_root)]
-        return np.vstack([recent, tip_deflections(self.model, snapshot.p[None])])
+    def _swing(self, snapshot: Snapshot) -> Array:
+        """The tips' deflections (k, n_p) [m] about that shape in the last ``SWING`` seconds, the present ones last."""
+        recent = snapshot.trace[snapshot.trace[:, 0] >= snapshot.t - SWING]
+        tips = np.vstack([recent[:, 3 : 3 + len(self.model.panel_root)], tip_deflections(self.model, snapshot.p[None])])
+        t = np.append(recent[:, 0], snapshot.t)
+        swing: Array = tips - tips_of_modes(self.model, resting_over_time(self.model, self.reference, t))
+        return swing
 
     def _thrust(self, snapshot: Snapshot) -> Array:
         """Thrust (3,) along the base axes [N, N, N m]."""

@@ -14,7 +14,7 @@ from sffr_gym.vector_env import SFFRFlexVectorEnv
 pytest.importorskip("PIL")
 from sffr_gym import strip
 from sffr_gym.canvas import Canvas
-from sffr_gym.model import mode_slice
+from sffr_gym.geometry import resting_over_time, tips_of_modes
 from sffr_gym.portrait import PANEL, voltage_colour
 from sffr_gym.render import SIZE, SWING, Look, Renderer, Snapshot
 from sffr_gym.trace import Trace
@@ -212,13 +212,17 @@ def test_bonded_pair_shows_each_patch_on_its_face():
 
 
 def test_number_above_is_the_swing_of_the_last_seconds(drawn, monkeypatch):
+    """Peak to peak about the shape that the path alone gives; what is older or follows that shape does not count."""
     renderer, snapshot = drawn
     words = []
     monkeypatch.setattr(Canvas, "text", lambda self, place, text, *rest: words.append(text))
-    rows = [[t, 1e-5, 0.02, tip, 0.0] for t, tip in ((0.0, 0.4), (15.0, 0.1), (20.0, -0.2))]
-    p = snapshot.p.copy()
-    p[mode_slice(renderer.model)] = 0.0
-    renderer(snapshot._replace(t=20.0, p=p, trace=np.array(rows)))
+    t = np.array([0.0, 12.0, 15.0, 20.0])
+    rest = tips_of_modes(renderer.model, resting_over_time(renderer.model, renderer.reference, t))
+    assert np.ptp(rest[1:, 0]) > 0.02
+    swing = np.array([0.4, -0.1, 0.2, 0.0])
+    rows = np.column_stack([t, np.full((4, 2), 1e-5), rest[:, 0] + swing, rest[:, 1]])
+    p = renderer._at_rest(snapshot._replace(t=20.0))
+    renderer(snapshot._replace(t=20.0, p=p, trace=rows))
     assert "300 mm" in words and "swing of the tips, last 10 s" in words
 
 

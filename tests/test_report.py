@@ -1,12 +1,12 @@
-"""`sffr report`: recordings, what the page is told, and how the command refuses."""
+"""`sffr report`: what the page is told, and how the command refuses."""
 
 import base64
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +14,16 @@ from report_runs import SEED, run
 from typer.testing import CliRunner
 
 from agents import cli
-from agents.recording import RECORDINGS, Recording, file_of, grasp_forces, recording_files
+from agents.recording import RECORDINGS, Recording
 from agents.report.page import PAGE, SCRIPTS, STYLES, page, report
 from agents.report.replay import episode_data, group, table
-from agents.report.runs import read_run, score_table
+from agents.report.runs import Run, read_run, score_table
 from agents.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 from agents.score import Result
 from baselines import make_policy
-from baselines.rollout import STRIDE, rollout
-from sffr_gym import ConfigError
+from baselines.rollout import rollout
 from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.geometry import panel_line, place_in_panel
+from sffr_gym.geometry import panel_line, place_in_panel, tips_of_modes
 from sffr_gym.metrics import MEASURES
 from sffr_gym.model import mode_slice, pack
 from sffr_gym.task import ERROR, VIBRATION
@@ -41,14 +40,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def trajectory():
+def recording():
     env = SFFRFlexEnv("excited")
-    return rollout(env, make_policy("ahsc", env), SEED)
-
-
-@pytest.fixture(scope="module")
-def recording(trajectory):
-    return Recording.of(trajectory)
+    return Recording.of(rollout(env, make_policy("ahsc", env), SEED))
 
 
 @pytest.fixture(scope="module")
@@ -76,72 +70,6 @@ def columns(policy, name):
     values = np.frombuffer(base64.b64decode(policy["table"]), "<f4").reshape(policy["rows"], policy["width"])
     start, width = policy["layout"][name]
     return values[:, start : start + width]
-
-
-def test_recording_is_read_as_it_was_written(recording, tmp_path):
-    file = tmp_path / "ahsc.npz"
-    file.write_bytes(recording.to_bytes())
-    again = Recording.read(file)
-    for name in ("policy", "scenario", "seed", "failure", "period", "plant"):
-        assert getattr(again, name) == getattr(recording, name)
-    for name in ("t", "p", "applied", "limit", "B_hat", "grasp", "signals", "tips"):
-        np.testing.assert_allclose(getattr(again, name), getattr(recording, name), rtol=1e-6)
-    np.testing.assert_array_equal(again.reference.joints, recording.reference.joints)
-    assert again.reference[:-1] == recording.reference[:-1]
-
-
-def test_recording_keeps_the_episode(trajectory, recording):
-    ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1
-    np.testing.assert_array_equal(recording.signals[1:], trajectory.signals[ticks])
-    np.testing.assert_array_equal(recording.p, trajectory.p)
-    assert len(recording.tips) == len(trajectory.signals)
-    assert file_of(Path("run"), "models/mine.zip") == Path("run/recordings/models%2Fmine.zip.npz")
-
-
-def test_grasp_forces_of_any_policy(trajectory, recording):
-    """Those that the compiled loop recorded are those that the simulator computes."""
-    blind = trajectory.__class__(**vars(trajectory) | {"lam": np.full_like(trajectory.lam, np.nan)})
-    np.testing.assert_allclose(grasp_forces(blind)[1:50], recording.grasp[1:50], rtol=1e-6, atol=1e-9)
-    assert np.abs(recording.grasp).max() > 0.01
-
-
-def test_run_folder_has_the_first_episode_of_each_policy(folder):
-    read = {each.policy: each for each in map(Recording.read, recording_files(folder))}
-    assert read.keys() == {"none", "ahsc", "random"} and {each.seed for each in read.values()} == {SEED}
-    assert [each.policy for each in read_run(folder).recordings] == ["none", "ahsc", "random"]
-    assert np.isnan(read["random"].B_hat).all() and np.isfinite(read["random"].grasp).all()
-
-
-def test_recordings_of_a_run_that_is_replaced_go(tmp_path):
-    run(tmp_path / "run", ["none", "hsc"], episodes=1)
-    run(tmp_path / "run", ["ahsc"], episodes=1)
-    assert [file.name for file in recording_files(tmp_path / "run")] == ["ahsc.npz"]
-
-
-@pytest.mark.parametrize("damage", ["cut", "text", "shape", "plant", "pickle"])
-def test_damaged_recording_is_refused(recording, tmp_path, damage):
-    file = tmp_path / "bad.npz"
-    content = recording.to_bytes()
-    match damage:
-        case "cut":
-            content = content[: len(content) // 2]
-        case "text":
-            content = b"no recording"
-        case "shape":
-            content = Recording(**vars(recording) | {"applied": recording.applied[:-1]}).to_bytes()
-        case "plant":
-            file.write_bytes(content)
-            with np.load(file) as kept:
-                arrays = dict(kept)
-            arrays["about"] = np.array(str(arrays["about"]).replace('"elements": 1', '"elements": 0'))
-            np.savez(file, **arrays)
-            content = file.read_bytes()
-        case "pickle":
-            np.savez(file, about=np.array([{"a": 1}], dtype=object))
-            content = file.read_bytes()
-    file.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"bad\.npz: no recording of ours, or damaged"):
-        Recording.read(file)
 
 
 def test_page_holds_what_was_recorded(text, folder):
@@ -215,13 +143,34 @@ def test_scores_are_means_in_the_heads_units():
     scores = score_table("made-up", group)
     heads = [head for head, _ in scores.heads]
     vibration, tracking = heads.index("vibration"), heads.index("tracking, rms")
-    assert scores.heads[vibration][1] == "mJ" and scores.heads[tracking][1] == "µm" and scores.episodes == 2
+    assert scores.heads[vibration][1] == "mJ" and scores.heads[tracking][1] == "µm"
+    assert scores.title == "made-up: 2 episodes of each policy"
     rows = {policy: cells for policy, cells, _ in scores.rows}
     assert rows["none"][vibration].text == "30.0" and rows["ahsc"][vibration].text == "1.00"
     assert rows["ahsc"][0].text == "1.00" and rows["ahsc"][vibration].share == pytest.approx(1 / 30)
     assert (
         scores.verdict == "ahsc keeps the panels calmest: 1.00 mJ of vibration on average, 30.0 times less than none."
     )
+
+
+def test_many_scenarios_have_an_overview():
+    energies = {"one": {"none": 2e-3, "ahsc": 1e-3}, "two": {"none": 4e-3, "ahsc": 1e-3, "hsc": 2e-3}}
+    results = [
+        replace(made_up(policy, energy), scenario=name)
+        for name, each in energies.items()
+        for policy, energy in each.items()
+    ]
+    table = Run("many", results, {}, [], []).overview
+    assert [head for head, _ in table.heads] == ["one", "two"]
+    costs = {policy: [cell.text for cell in cells] for policy, cells, _ in table.rows}
+    assert costs == {"none": ["1.60", "2.80"], "ahsc": ["1.00", "1.00"], "hsc": ["", "1.60"]}
+    assert table.verdict == "" and Run("one", results[:2], {}, [], []).overview is None
+    assert Run("no reference", [results[0], results[2]], {}, [], []).overview is None
+
+
+def test_page_of_a_benchmark_shows_its_costs():
+    text = page([Run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")], {}, [], [])])
+    assert "cost in each scenario" in text and "one: 1 episode of each policy" in text
 
 
 def test_verdict_leaves_out_what_failed():
@@ -242,7 +191,7 @@ def test_spectrum_finds_a_vibration(recording):
     assert np.trapezoid(psd[0][near], f[near]) == pytest.approx(0.1**2 / 2, rel=0.1)
 
 
-def test_spectrum_of_free_panels_peaks_at_the_first_mode(trajectory):
+def test_spectrum_of_free_panels_peaks_at_the_first_mode():
     env = SFFRFlexEnv("excited")
     recording = Recording.of(rollout(env, make_policy("none", env), SEED))
     found, first = spectrum(recording), mode_frequencies(recording)[0]
@@ -289,6 +238,8 @@ def test_quasi_static_shape_is_near_a_calmed_panel(recording):
     late = recording.t > 40.0
     modes, rest = (found[name][late].reshape(-1, 2, 3)[:, :, 1] for name in ("modes", "rest"))
     away = modes - rest
+    still = tips_of_modes(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
+    np.testing.assert_allclose(found["tips"] - found["swing"], still, atol=1e-12)  # m
     assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(rest**2))
 
 

@@ -13,7 +13,7 @@ from agents.report.spectrum import mode_frequencies, spectrum, use_of_limits
 from baselines.rollout import STRIDE
 from baselines.suppression import COORDINATES
 from sffr_gym.beam import Array
-from sffr_gym.geometry import force_scales, panel_shapes, resting_amplitudes, tip_deflections
+from sffr_gym.geometry import force_scales, panel_shapes, resting_over_time, tip_deflections, tips_of_modes
 from sffr_gym.model import N_BASE, Model, joint_slice, mode_slice, object_slice, pack
 from sffr_gym.task import ERROR, VIBRATION
 
@@ -95,13 +95,8 @@ def policy_data(name: str, recording: Recording, colour: str) -> dict[str, Any]:
 def table(recording: Recording, model: Model) -> dict[str, Array]:
     """Columns (rows, k) by what they mean; angles in rad, the rest in plain SI units."""
     rows, p = len(recording.t), recording.p
-    n_p = len(model.panel_root)
     n_volts = len(recording.limit) - N_BASE - len(model.link_mass)
-    reference = recording.reference
-    turn = reference.turning * reference.rate
-    angle = reference.phase + reference.rate * recording.t - turn * recording.t  # in the reference axes
-    a = reference.radius * reference.rate**2 * np.column_stack([-np.sin(angle), np.cos(angle)])
-    rest = resting_amplitudes(model, reference, a, np.full(rows, turn))
+    rest, tips = resting_over_time(model, recording.reference, recording.t), tip_deflections(model, p)
     return {
         "base": p[:, :N_BASE],
         "joints": p[:, joint_slice(model)],
@@ -111,7 +106,8 @@ def table(recording: Recording, model: Model) -> dict[str, Array]:
         "volts": recording.applied[:, :n_volts],
         "thrust": recording.applied[:, n_volts : n_volts + N_BASE],
         "grasp": -recording.grasp.reshape(rows, -1),  # on the object
-        "tips": tip_deflections(model, p).reshape(rows, n_p),
+        "tips": tips,
+        "swing": tips - tips_of_modes(model, rest),
         "error": recording.signals[:, [ERROR]],
         "energy": recording.signals[:, [VIBRATION]],
         "damping": recording.B_hat[:, :, TRANSVERSE],

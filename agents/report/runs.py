@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import functools
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,17 +47,16 @@ class Cell(NamedTuple):
 
 
 class ScoreTable(NamedTuple):
-    """Means over the episodes of a scenario.
+    """Numbers of policies.
 
     Attributes:
-        scenario: name; episodes: of each policy.
+        title: what they are of.
         heads: of the columns, each with its unit.
         rows: policy, cells, failed episodes.
-        vibration: mean energy of each policy [J].
+        vibration: mean energy of each policy [J], in a table of one scenario.
     """
 
-    scenario: str
-    episodes: int
+    title: str
     heads: list[tuple[str, str]]
     rows: list[tuple[str, list[Cell], int]]
     vibration: dict[str, float]
@@ -63,7 +64,8 @@ class ScoreTable(NamedTuple):
     @property
     def verdict(self) -> str:
         """Which policy calms the panels, in a sentence; empty where there is nothing to compare."""
-        sound = {policy: self.vibration[policy] for policy, _, failed in self.rows if not failed}
+        finished = {policy for policy, _, failed in self.rows if not failed}
+        sound = {policy: energy for policy, energy in self.vibration.items() if policy in finished}
         if len(sound) < 2:
             return ""
         best, worst = min(sound, key=sound.__getitem__), max(sound, key=sound.__getitem__)
@@ -100,10 +102,24 @@ class Run:
     pictures: list[Picture]
     recordings: list[Recording]
 
-    @property
+    @functools.cached_property
     def tables(self) -> list[ScoreTable]:
         """One for each scenario."""
         return [score_table(name, group) for name, group in by_scenario(self.results).items()]
+
+    @property
+    def overview(self) -> ScoreTable | None:
+        """The costs in all scenarios; None for a single one, or without the policy that costs are relative to."""
+        groups = by_scenario(self.results)
+        if len(groups) < 2 or any(REFERENCE not in group for group in groups.values()):
+            return None
+        columns = [_cells(costs(group), 1.0) for group in groups.values()]
+        failed = Counter(result.policy for result in self.results if result.failure)
+        policies = dict.fromkeys(result.policy for result in self.results)
+        rows = [
+            (policy, [column.get(policy, Cell("", 0.0)) for column in columns], failed[policy]) for policy in policies
+        ]
+        return ScoreTable("cost in each scenario", [(name, f"{REFERENCE} = 1") for name in groups], rows, {})
 
     @property
     def facts(self) -> dict[str, str]:
@@ -156,19 +172,22 @@ def score_table(scenario: str, group: Mapping[str, Sequence[Result]]) -> ScoreTa
         name: {policy: float(np.mean([each.measures[name] for each in results])) for policy, results in group.items()}
         for name in COLUMNS
     }
+    whole = [policy for policy, results in group.items() if not any(each.failure for each in results)] or list(group)
     heads, columns = [], []
     if REFERENCE in group:
         heads.append(("cost", f"{REFERENCE} = 1"))
         columns.append(_cells(costs(group), 1.0))
     for name, values in means.items():
-        unit, scale = unit_for(MEASURES[name], max(values.values()))
+        unit, scale = unit_for(MEASURES[name], max(values[policy] for policy in whole))
         heads.append((COLUMNS[name], unit))
         columns.append(_cells(values, scale))
     rows = [
         (policy, [column[policy] for column in columns], sum(bool(each.failure) for each in results))
         for policy, results in group.items()
     ]
-    return ScoreTable(scenario, max(len(results) for results in group.values()), heads, rows, means["vibration"])
+    many = max(len(results) for results in group.values())
+    title = f"{scenario}: {many} {'episode' if many == 1 else 'episodes'} of each policy"
+    return ScoreTable(title, heads, rows, means["vibration"])
 
 
 def _cells(values: Mapping[str, float], scale: float) -> dict[str, Cell]:

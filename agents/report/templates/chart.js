@@ -23,8 +23,8 @@ class Axis {
       return new Axis(10 ** bottom, 10 ** top, unit, true);
     }
     const step = roundStep((Math.max(high, 0) - Math.min(low, 0) || 1) / 4);
-    return new Axis(Math.floor(Math.min(low, 0) / step + 1e-6) * step, Math.ceil(Math.max(high, 0) / step - 1e-6) * step,
-      unit);
+    const ends = [Math.floor(Math.min(low, 0) / step + 1e-6), Math.ceil(Math.max(high, 0) / step - 1e-6)];
+    return new Axis(ends[0] * step, ends[1] * step, unit);
   }
 
   /** 0 at the low end, 1 at the high one. */
@@ -121,8 +121,9 @@ class Chart {
 
   label(value, { unit }) {
     if (value === 0 && unit !== "%") return "0";
-    if (unit === "") return Math.abs(value) < 0.001 ? value.toExponential(0) : `${Number(value.toPrecision(3))}`;
-    return unit === "s" || unit === "Hz" || unit === "%" ? `${Number(value.toPrecision(3))} ${unit}` : withUnit(value, unit);
+    const digits = `${Number(value.toPrecision(3))}`;
+    if (unit === "") return Math.abs(value) < 0.001 ? value.toExponential(0) : digits;
+    return ["s", "Hz", "%"].includes(unit) ? `${digits} ${unit}` : withUnit(value, unit);
   }
 
   /** A line through values at places; gaps where there is none. */

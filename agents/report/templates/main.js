@@ -1,5 +1,6 @@
 /** The page: controls, keys, the table of what the policies do now, and which episode is replayed. */
-const parts = Object.fromEntries([...document.querySelectorAll("[data-part]")].map((part) => [part.dataset.part, part]));
+const parts = {};
+for (const part of document.querySelectorAll("[data-part]")) parts[part.dataset.part] = part;
 const episodes = JSON.parse(document.getElementById("episodes").textContent);
 let replay;
 
@@ -24,7 +25,9 @@ function policyRow(recording, k) {
   box.addEventListener("change", () => replay.toggle(recording));
   row.querySelector(".name").textContent = recording.name;
   row.querySelector("kbd").textContent = k < 9 ? k + 1 : "";
-  row.querySelector(".failure").textContent = recording.failure ? `failed after ${recording.end.toFixed(1)} s: ${recording.failure}` : "";
+  if (recording.failure) {
+    row.querySelector(".failure").textContent = `failed after ${recording.end.toFixed(1)} s: ${recording.failure}`;
+  }
   return row;
 }
 
@@ -35,12 +38,11 @@ function showState() {
   parts.time.setAttribute("aria-valuetext", `${t.toFixed(1)} of ${duration.toFixed(1)} seconds`);
   parts.clock.textContent = `${t.toFixed(1)} / ${duration.toFixed(1)} s`;
   parts.play.textContent = playing ? "Pause" : "Play";
-  parts.play.classList.toggle("playing", playing);
   parts.speed.value = speed;
   parts.factor.value = factor;
   parts.factorText.textContent = `${factor}×`;
   parts.view.value = view;
-  const swings = replay.recordings.map((recording) => Math.max(...replay.robot.panels.map((_, k) => {
+  const swings = replay.recordings.map((recording) => Math.max(0, ...replay.robot.panels.map((_, k) => {
     const [low, high] = recording.swing(t, k);
     return high - low;
   })));

@@ -26,7 +26,7 @@ class PanelView {
       surface.line(points, colour, rank === 0 ? 3 : 2.2);
       surface.disc(points.at(-1), 4, colour);
       const beyond = length + (14 + 9 * rank) / scale;
-      const ends = recording.swing(t, panel).map((tip) => place(beyond, tip));
+      const ends = swingEnds(recording, state, panel, t).map((tip) => place(beyond, tip));
       surface.line(ends, colour, 4);
     });
     surface.line(line(front.state.rest), Theme.colours.ink, 1.3, [5, 5]);

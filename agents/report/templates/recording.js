@@ -32,6 +32,11 @@ class Recording {
     return Float32Array.from({ length: this.rows }, (_, row) => this.table[row * this.width + start]);
   }
 
+  /** What the panels vibrate on average [J]; infinite if the policy failed. */
+  get unrest() {
+    return this.failure ? Infinity : this.column("energy", 0).reduce((sum, energy) => sum + energy / this.rows, 0);
+  }
+
   /** The largest magnitude among a name's columns, row by row. */
   largest(name) {
     const [start, width] = this.layout[name];
@@ -46,16 +51,16 @@ class Recording {
     return this.layout[name][1] > 0 && Number.isFinite(this.table[this.layout[name][0]]);
   }
 
-  /** How far panel `k`'s tip went to either side [m] in the last seconds before `t`. */
+  /** How far panel `k`'s tip swung to either side [m] of where it would be without swing, in the seconds before `t`. */
   swing(t, k) {
-    const at = this.layout.tips[0] + k;
+    const at = this.layout.swing[0] + k;
     const last = Math.min(Math.floor(t / this.step + 1e-6), this.rows - 1);
     const first = Math.max(Math.ceil((Math.min(t, this.end) - Recording.SWING) / this.step), 0);
     let [low, high] = [Infinity, -Infinity];
     for (let row = first; row <= last; row += 1) {
-      const tip = this.table[row * this.width + at];
-      low = Math.min(low, tip);
-      high = Math.max(high, tip);
+      const swing = this.table[row * this.width + at];
+      low = Math.min(low, swing);
+      high = Math.max(high, swing);
     }
     return [low, high];
   }

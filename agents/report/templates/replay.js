@@ -8,7 +8,7 @@ class Replay {
     this.robot = episode.robot;
     this.recordings = episode.policies.map((policy) => new Recording(policy));
     this.duration = Math.max(...this.recordings.map(({ end }) => end));
-    this.shown = [...this.recordings].reverse();
+    this.shown = [...this.recordings].sort((a, b) => a.unrest - b.unrest); // the calmest in front
     Object.assign(this, { t: 0, playing: false, speed: 4, factor: 5, view: "robot" });
     const surface = new Surface(parts.stage);
     this.scene = new Scene(surface, this.robot);

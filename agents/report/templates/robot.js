@@ -50,6 +50,12 @@ function panelLine(robot, state, k, amplitudes, factor) {
   return robot.panels[k].x.map((x, i) => fromPanel(robot, state, k, x, factor * bent[i]));
 }
 
+/** The ends of a panel's recent swing as its tip's deflections, about where the tip would be now without swing. */
+function swingEnds(recording, state, k, t) {
+  const rest = state.tips[k] - state.swing[k];
+  return recording.swing(t, k).map((swing) => rest + swing);
+}
+
 /** A point of the path at an angle on the circle. */
 function onPath({ centre, radius }, angle) {
   return plus(centre, [Math.sin(angle), -Math.cos(angle)], radius);

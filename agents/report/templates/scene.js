@@ -33,7 +33,7 @@ class Scene {
     if (!front) return;
     for (const policy of policies.slice(1).reverse()) this.drawBehind(policy, factor);
     policies.forEach((policy, rank) => this.drawSwing(policy, t, factor, rank));
-    this.drawInFront(front, factor, policies.length > 1);
+    this.drawInFront(front, factor);
     this.drawKeys(front, factor);
   }
 
@@ -82,13 +82,13 @@ class Scene {
     });
   }
 
-  drawInFront({ state, colour }, factor, several) {
+  drawInFront({ state, colour }, factor) {
     const { robot } = this;
     this.drawPlumes(state);
     robot.panels.forEach((_, k) => {
       const rest = this.places(panelLine(robot, state, k, state.rest, factor));
       this.surface.line(rest, Theme.colours.dim, 1.3, [5, 5]);
-      this.drawPanel(state, k, factor, several ? colour : Theme.colours.edge, several ? 2 : 1.2);
+      this.drawPanel(state, k, factor, colour);
     });
     this.drawBase(state);
     for (const arm of [...robot.arms].sort((a, b) => a.grasps - b.grasps)) this.drawArm(state, arm);
@@ -105,7 +105,7 @@ class Scene {
   }
 
   /** A panel in bands from the root outwards, one for each piezo channel or pair, in the colours of their voltages. */
-  drawPanel(state, k, factor, edge, width) {
+  drawPanel(state, k, factor, edge) {
     const { robot, surface } = this;
     const last = robot.panels[k].x.length - 1;
     const volts = panelVolts(robot, state, k);
@@ -117,15 +117,15 @@ class Scene {
       const outline = this.panelOutline(state, k, factor, from, to + 1, ...sides);
       surface.polygon(outline, voltageColour(value, robot.volts));
     });
-    surface.polygon(this.panelOutline(state, k, factor), null, edge, width);
+    surface.polygon(this.panelOutline(state, k, factor), null, edge, 2);
   }
 
-  /** A bar beyond each tip: how far it went in the last seconds. Bars of several policies lie side by side. */
+  /** A bar beyond each tip: how far it swung in the last seconds. Bars of several policies lie side by side. */
   drawSwing({ recording, state, colour }, t, factor, rank) {
     const { robot, surface, unit } = this;
     robot.panels.forEach((panel, k) => {
       const along = panel.length + 0.25 + Scene.APART * rank;
-      const [low, high] = recording.swing(t, k).map((tip) => factor * tip);
+      const [low, high] = swingEnds(recording, state, k, t).map((tip) => factor * tip);
       const at = (x, y) => this.place(fromPanel(robot, state, k, x, y));
       surface.line([at(along, low), at(along, high)], colour, 4 * unit);
       for (const end of [low, high]) surface.line([at(along - 0.09, end), at(along + 0.09, end)], colour, 2.5 * unit);

@@ -5,8 +5,8 @@ const Theme = {
 
   read() {
     const style = getComputedStyle(document.documentElement);
-    for (const name of ["ink", "dim", "line", "card", "space", "dot", "ahead", "covered", "body", "edge", "link", "gold",
-      "object", "force", "plume", "core", "panel", "positive", "negative"]) {
+    for (const name of ["ink", "dim", "line", "card", "space", "dot", "ahead", "covered", "body", "edge", "link",
+      "gold", "object", "force", "plume", "core", "panel", "positive", "negative"]) {
       this.colours[name] = style.getPropertyValue(`--${name}`).trim();
     }
   },

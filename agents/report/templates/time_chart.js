@@ -70,7 +70,7 @@ function timeKinds(robot, recordings) {
     title: `Tip deflection, panel ${name}`, unit: "m", aside: true,
     about: `Tip deflection of panel ${name} over time; dashed: without swing. Drag to set the time.`,
     of: (recording) => recording.column("tips", k),
-    rest: (recording) => restTips(robot, recording, k),
+    rest: (recording) => restTips(recording, k),
   }));
   const others = [
     { title: "Vibration energy", unit: "J", log: true, of: (recording) => recording.column("energy", 0) },
@@ -84,10 +84,9 @@ function timeKinds(robot, recordings) {
 }
 
 /** The tip deflections of panel `k` without swing. */
-function restTips(robot, recording, k) {
-  const shape = robot.panels[k].shapes.at(-1);
-  const columns = shape.map((_, m) => recording.column("rest", k * shape.length + m));
-  return columns[0].map((_, row) => shape.reduce((sum, value, m) => sum + value * columns[m][row], 0));
+function restTips(recording, k) {
+  const swing = recording.column("swing", k);
+  return recording.column("tips", k).map((tip, row) => tip - swing[row]);
 }
 
 function meanDamping(recording) {

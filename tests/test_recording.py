@@ -1,0 +1,93 @@
+"""Recordings: what a run folder keeps of an episode of each policy, read as it was written."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_runs import SEED, run
+
+from agents.recording import Recording, file_of, grasp_forces, recording_files
+from agents.report.runs import read_run
+from baselines import make_policy
+from baselines.rollout import STRIDE, rollout
+from sffr_gym import ConfigError
+from sffr_gym.env import SFFRFlexEnv
+
+
+@pytest.fixture(scope="module")
+def trajectory():
+    env = SFFRFlexEnv("excited")
+    return rollout(env, make_policy("ahsc", env), SEED)
+
+
+@pytest.fixture(scope="module")
+def recording(trajectory):
+    return Recording.of(trajectory)
+
+
+def test_recording_is_read_as_it_was_written(recording, tmp_path):
+    file = tmp_path / "ahsc.npz"
+    file.write_bytes(recording.to_bytes())
+    again = Recording.read(file)
+    for name in ("policy", "scenario", "seed", "failure", "period", "plant"):
+        assert getattr(again, name) == getattr(recording, name)
+    for name in ("t", "p", "applied", "limit", "B_hat", "grasp", "signals", "tips"):
+        np.testing.assert_allclose(getattr(again, name), getattr(recording, name), rtol=1e-6)
+    np.testing.assert_array_equal(again.reference.joints, recording.reference.joints)
+    assert again.reference[:-1] == recording.reference[:-1]
+
+
+def test_recording_keeps_the_episode(trajectory, recording):
+    ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1
+    np.testing.assert_array_equal(recording.signals[1:], trajectory.signals[ticks])
+    np.testing.assert_array_equal(recording.p, trajectory.p)
+    assert len(recording.tips) == len(trajectory.signals)
+    assert file_of(Path("run"), "models/mine.zip") == Path("run/recordings/models%2Fmine.zip.npz")
+
+
+def test_grasp_forces_of_any_policy(trajectory, recording):
+    """Those that the compiled loop recorded are those that the simulator computes."""
+    blind = trajectory.__class__(**vars(trajectory) | {"lam": np.full_like(trajectory.lam, np.nan)})
+    np.testing.assert_allclose(grasp_forces(blind)[1:50], recording.grasp[1:50], rtol=1e-6, atol=1e-9)
+    assert np.abs(recording.grasp).max() > 0.01
+
+
+def test_run_folder_has_the_first_episode_of_each_policy(tmp_path):
+    folder = tmp_path / "three"
+    run(folder, ["none", "ahsc", "random"])
+    read = {each.policy: each for each in map(Recording.read, recording_files(folder))}
+    assert read.keys() == {"none", "ahsc", "random"} and {each.seed for each in read.values()} == {SEED}
+    assert [each.policy for each in read_run(folder).recordings] == ["none", "ahsc", "random"]
+    assert np.isnan(read["random"].B_hat).all() and np.isfinite(read["random"].grasp).all()
+
+
+def test_recordings_of_a_run_that_is_replaced_go(tmp_path):
+    run(tmp_path / "run", ["none", "hsc"], episodes=1)
+    run(tmp_path / "run", ["ahsc"], episodes=1)
+    assert [file.name for file in recording_files(tmp_path / "run")] == ["ahsc.npz"]
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "shape", "plant", "pickle"])
+def test_damaged_recording_is_refused(recording, tmp_path, damage):
+    file = tmp_path / "bad.npz"
+    content = recording.to_bytes()
+    match damage:
+        case "cut":
+            content = content[: len(content) // 2]
+        case "text":
+            content = b"no recording"
+        case "shape":
+            content = Recording(**vars(recording) | {"applied": recording.applied[:-1]}).to_bytes()
+        case "plant":
+            file.write_bytes(content)
+            with np.load(file) as kept:
+                arrays = dict(kept)
+            arrays["about"] = np.array(str(arrays["about"]).replace('"elements": 1', '"elements": 0'))
+            np.savez(file, **arrays)
+            content = file.read_bytes()
+        case "pickle":
+            np.savez(file, about=np.array([{"a": 1}], dtype=object))
+            content = file.read_bytes()
+    file.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"bad\.npz: no recording of ours, or damaged"):
+        Recording.read(file)
