@@ -25,13 +25,14 @@ _sources: list[bytes] = []
 _folders: dict[str, Path] = {}
 
 
-def cache_sources(package: Path) -> Path:
+def cache_sources(package: Path, name: str) -> Path:
     """Name the cache folder of a package's kernels by a hash of its sources and of those hashed before.
 
     A package whose kernels call those of another one calls this after importing it and before it defines any.
 
     Args:
         package: folder that holds the package's ``.py`` files.
+        name: of the package, as its modules know it.
 
     Returns:
         The folder; the user's own, if ``NUMBA_CACHE_DIR`` is set.
@@ -40,7 +41,7 @@ def cache_sources(package: Path) -> Path:
         return Path(numba.config.CACHE_DIR)
     _sources.extend(text for path in sorted(package.glob("*.py")) if b"kernel" in (text := path.read_bytes()))
     digest = hashlib.sha256(b"".join(_sources)).hexdigest()[:16]
-    folder = _folders[package.name] = CACHE_ROOT / digest
+    folder = _folders[name] = CACHE_ROOT / digest
     if folder.is_dir():
         os.utime(folder)  # in use; see remove_stale_caches
     return folder
@@ -68,7 +69,8 @@ def kernel(
     if function is None:
         return functools.partial(kernel, inline=inline, allocates=allocates, nogil=nogil)
     options = {"forceinline": inline, "_nrt": allocates, "nogil": nogil}
-    folder = _folders.get(function.__module__.partition(".")[0])
+    home = function.__module__
+    folder = next((folder for name, folder in _folders.items() if f"{home}.".startswith(f"{name}.")), None)
     others = numba.config.CACHE_DIR  # numba reads it while it decorates; a user's own kernels keep theirs
     if folder is not None:
         numba.config.CACHE_DIR = str(folder)
@@ -91,7 +93,7 @@ def remove_stale_caches() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-cache_sources(Path(__file__).parent)
+cache_sources(Path(__file__).parent, "sffr_gym")
 
 
 @kernel(inline=True)

@@ -167,25 +167,24 @@ def _lane_by_lane(function: Any) -> Callable[..., Any]:
     return emit
 
 
+def _instruction(name: str) -> Callable[..., Any]:
+    return lambda context, builder, x, y: getattr(builder, name)(x, y)
+
+
 def _comparison(name: str) -> Callable[..., Any]:
     return lambda context, builder, x, y: builder.fcmp_ordered(name, x, y)
 
 
 def _define_arithmetic() -> None:
-    for name in "add", "sub", "mul", "truediv":
-        instruction = {"truediv": "fdiv"}.get(name, f"f{name}")
-
-        def emit(context: Any, builder: Any, x: Any, y: Any, instruction: str = instruction) -> Any:
-            return getattr(builder, instruction)(x, y)
-
-        _define(getattr(operator, name), 2, lanes, lanes, emit)
-        _define(getattr(operator, f"i{name}"), 2, lanes, lanes, emit)
+    for name, instruction in ("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), ("truediv", "fdiv"):
+        _define(getattr(operator, name), 2, lanes, lanes, _instruction(instruction))
+        _define(getattr(operator, f"i{name}"), 2, lanes, lanes, _instruction(instruction))
     for function, symbol in (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="):
         _define(function, 2, lanes, mask, _comparison(symbol))
     _define(operator.eq, 2, lanes, mask, _comparison("=="))
     _define(operator.ne, 2, lanes, mask, lambda context, builder, x, y: builder.fcmp_unordered("!=", x, y))
-    _define(operator.and_, 2, mask, mask, lambda context, builder, x, y: builder.and_(x, y))
-    _define(operator.or_, 2, mask, mask, lambda context, builder, x, y: builder.or_(x, y))
+    _define(operator.and_, 2, mask, mask, _instruction("and_"))
+    _define(operator.or_, 2, mask, mask, _instruction("or_"))
     # As Python's: the first of two that are equal or cannot be compared.
     _define(max, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered(">", y, x), y, x))
     _define(min, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered("<", y, x), y, x))

@@ -67,17 +67,17 @@ def test_cache_folder_follows_the_sources(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_folders", {})
     source = tmp_path / "law.py"
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 1.0\n")
-    first = _jit.cache_sources(tmp_path)
-    assert _jit._folders == {tmp_path.name: first}
+    first = _jit.cache_sources(tmp_path, "laws")
+    assert _jit._folders == {"laws": first}
     monkeypatch.setattr(_jit, "_sources", [])
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 2.0\n")
-    assert _jit.cache_sources(tmp_path) != first
+    assert _jit.cache_sources(tmp_path, "laws") != first
 
 
 def test_a_user_s_cache_folder_is_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", True)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    assert _jit.cache_sources(Path(_jit.__file__).parent) == tmp_path
+    assert _jit.cache_sources(Path(_jit.__file__).parent, "sffr_gym") == tmp_path
 
 
 def test_caches_that_nobody_used_for_a_month_go(tmp_path, monkeypatch):
@@ -99,6 +99,16 @@ def test_import_order_does_not_matter():
         for first in ("sffr_gym", "baselines")
     }
     assert len(places) == 1
+
+
+def test_the_command_line_waits_for_no_kernels_of_the_benchmark():
+    """Only what a run needs must be compiled for it to start at once; ``sffr bench`` has kernels of its own."""
+    show = "print(*_jit._folders)"
+    code = f"import agents.cli; from sffr_gym import _jit; {show}; import agents.bench.rates; {show}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert [line.split() for line in done.stdout.splitlines()] == [
+        ["sffr_gym", "baselines"], ["sffr_gym", "baselines", "agents.bench"],
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("size", [0, 1, 5])

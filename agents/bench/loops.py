@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from sffr_gym._jit import assign, kernel
+from math import cos, sqrt
+from pathlib import Path
+
+from sffr_gym._jit import assign, cache_sources, kernel
 from sffr_gym.actuators import generalized_forces
 from sffr_gym.dynamics import accelerations
 from sffr_gym.integrator import advance
 from sffr_gym.task import view
+
+cache_sources(Path(__file__).parent, __package__)
 
 
 @kernel
@@ -41,3 +46,45 @@ def observe_often(robot, reference, p, v, buffers, obs, signals, count):
     """Observe and measure a state ``count`` times, each at another time."""
     for k in range(count):
         view(robot, reference, k * robot.period, p, v, buffers, obs, signals)
+
+
+@kernel
+def multiply_add(x, a, b, passes):
+    """Two operations on each of many independent numbers: what the machine can do at best."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = x[i] * a + b
+
+
+@kernel
+def multiply_add_chain(x, a, b, passes):
+    """Two operations on one number, each of which waits for the one before."""
+    y = x[0]
+    for _ in range(passes):
+        for _ in range(len(x)):
+            y = y * a + b
+    x[0] = y
+
+
+@kernel
+def divide(x, a, b, passes):
+    """One division of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = a / x[i]
+
+
+@kernel
+def square_root(x, a, b, passes):
+    """One square root of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = sqrt(x[i])
+
+
+@kernel
+def cosine(x, a, b, passes):
+    """One cosine of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = cos(x[i])
