@@ -7,13 +7,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
 PACKAGES := sffr_gym baselines verification agents
-POLICIES := none hsc ahsc
+POLICIES := none hsc ahsc sac
 PYTEST_ARGS ?=
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/, to look at in runs/report.html
+run: $(VENV)/.run ## the case study under none, HSC, AHSC and a learned policy; results in runs/, see runs/report.html
 	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
 	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
 	$(BIN)/sffr report runs/nominal runs/excited --out runs/report.html --overwrite

@@ -13,13 +13,22 @@ from stable_baselines3 import PPO
 
 from agents.benchmark.episodes import Plan, run_episodes
 from agents.evaluate import evaluate
-from agents.learned import LearnedSchedule, Network, load_policy, load_schedule, policy_title, save_schedule
+from agents.learned import (
+    LearnedSchedule,
+    Network,
+    load_policy,
+    load_schedule,
+    policy_title,
+    save_schedule,
+    shipped_policies,
+)
 from agents.learning.algorithms import make_model
 from agents.learning.config import CONFIGS, load_config
 from agents.learning.export import export_run, export_zip, network_of
 from agents.learning.folder import BEST, LAST, PROGRESS
 from agents.learning.train import train
 from agents.residual_env import SFFRFlexDampingEnv
+from agents.score import costs
 from baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
 from sffr_gym.env import SFFRFlexEnv
@@ -213,3 +222,14 @@ def test_policy_of_another_robot_is_refused(schedule):
         schedule.policy(
             load_params().with_overrides("panel.mounts=[{name: single, root: [-0.3, 0.5], angle: 1.5707963}]")
         )
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
+    trained = load_schedule(shipped_policies()[name]).trained
+    assert {"algo", "seed", "steps", "config_hash", "suite_hash"} <= trained.keys()
+    evaluation = evaluate([name, "ahsc"], "nominal")
+    (own,), (ahsc,) = evaluation.results.values()
+    assert not own.failure
+    assert own.measures["vibration"] < 0.6 * ahsc.measures["vibration"]
+    assert costs(evaluation.results)[name] < 0.8
