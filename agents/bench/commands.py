@@ -46,8 +46,8 @@ def bench_command(
 ) -> None:
     """Measure the speed of the simulator and its environments, side by side with MuJoCo, SciPy and Gymnasium.
 
-    Prints tables and whether the targets are met; writes bench.json and work_precision.png. All of it takes about half
-    an hour and wants the machine to itself. Needs the extra bench.
+    Prints tables and whether the targets are met; writes bench.json and work_precision.png. All of it takes about a
+    quarter of an hour and wants the machine to itself. Needs the extra bench.
     """
     with user_errors():
         try:

@@ -60,7 +60,7 @@ def precision(repeats: int, quick: bool) -> Section:
         "Time is that of the physics. Errors are of base, joints, object and panel tips, against the same equations in "
         f"far smaller steps: ours and SciPy's against ETDRK4 in {FINE} steps per period of 2 ms, MuJoCo's against its "
         f"own RK4 in {MUJOCO_FINE} with the solver's tolerance at 0.",
-        f"SciPy's methods drive the first {SCIPY_SECONDS} s alone; their errors are those there, their times scaled up.",
+        f"SciPy's methods drive the first {SCIPY_SECONDS} s; their errors are those there, their times scaled up.",
     ])  # fmt: skip
 
 
