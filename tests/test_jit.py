@@ -105,7 +105,8 @@ def test_the_command_line_waits_for_no_kernels_of_the_benchmark():
     """Only what a run needs must be compiled for it to start at once; ``sffr bench`` has kernels of its own."""
     show = "print(*_jit._folders)"
     code = f"import agents.cli; from sffr_gym import _jit; {show}; import agents.bench.rates; {show}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert [line.split() for line in done.stdout.splitlines()] == [
         ["sffr_gym", "baselines"], ["sffr_gym", "baselines", "agents.bench"],
     ]  # fmt: skip
