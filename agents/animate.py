@@ -17,7 +17,7 @@ from agents.evaluate import EVALUATION_SEED, counter, make_policies
 from agents.figures import COLOURS
 from agents.run_folder import write_whole
 from baselines.rollout import STRIDE, Trajectory, rollout
-from baselines.suppression import COORDINATES
+from baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.beam import Array
 from sffr_gym.env import ParamsLike, SFFRFlexEnv, resolve_params
@@ -36,7 +36,6 @@ COLOURS_OF_A_GIF = 96
 SAMPLES = 12  # pictures from which a GIF's colours are chosen
 TITLES = {"none": "no suppression", "hsc": "HSC", "ahsc": "AHSC", "ahsc-filtered": "AHSC, filtered", "lqr": "LQR"}
 OTHER_COLOUR = "#E69F00"
-TRANSVERSE = COORDINATES.index("q5")  # the coordinate whose virtual damping is plotted
 
 Report = Callable[[str, int, int], Any]  # what is being done, how much of it is, and how much there is
 

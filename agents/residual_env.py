@@ -19,9 +19,9 @@ from baselines.damping_loop import make_damping, start_damping, step_damping
 from baselines.policies import make_policy
 from baselines.schedule import BOUNDS, FEATURES
 from baselines.stability import MARGIN, sampled_growth
-from baselines.suppression import COORDINATES
+from baselines.suppression import COORDINATES, TRANSVERSE
 from sffr_gym.beam import Array
-from sffr_gym.env import ONE, ParamsLike, SFFRFlexEnv
+from sffr_gym.env import ONE, ParamsLike, SFFRFlexEnv, make_film
 from sffr_gym.episode import Episode
 from sffr_gym.params import ConfigError, Params
 from sffr_gym.scenario import Scenario
@@ -29,7 +29,6 @@ from sffr_gym.vector_env import Mask, SFFRFlexVectorEnv
 
 LAWS = ("hsc", "ahsc")
 RHO, AGENT_PERIOD, DURATION = 10.0, 0.1, 30.0
-RENDER = {"render_modes": [], "render_fps": round(1.0 / AGENT_PERIOD)}
 
 
 class SFFRFlexDampingEnv(SFFRFlexEnv):
@@ -86,8 +85,6 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     - v0: first version.
     """
 
-    metadata = RENDER
-
     def __init__(
         self,
         scenario: str | os.PathLike[str] = "excited",
@@ -107,6 +104,8 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
                 loop cannot run.
         """
         super().__init__(scenario, params, overrides, render_mode)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self._film = make_film(render_mode, self.robot, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period)
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
@@ -140,6 +139,9 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
 
     def _observed(self) -> Array:
         return self._damping.seen[0].astype(np.float32)
+
+    def _acting(self) -> Array:
+        return self.damping[None, :, TRANSVERSE]
 
     def _info(self) -> dict[str, Any]:
         return super()._info() | {"damping": self.damping}
@@ -182,7 +184,8 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
             autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self.metadata = RENDER | {"autoreset_mode": self.autoreset_mode}
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self._film = make_film(render_mode, self.robot, num_envs, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period)
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
@@ -217,9 +220,15 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
     def _observed(self) -> Array:
         return self._damping.seen.astype(np.float32)
 
+    def _acting(self) -> Array:
+        return self._present()[:, :, TRANSVERSE]
+
+    def _present(self) -> Array:
+        """The virtual damping that acts now (n, n_p, 3)."""
+        return self._damping.factor * self._damping.B_hat
+
     def _infos(self, mask: Mask) -> dict[str, Any]:
-        damping = self._damping.factor * self._damping.B_hat
-        return super()._infos(mask) | {"damping": damping, "_damping": mask.copy()}
+        return super()._infos(mask) | {"damping": self._present(), "_damping": mask.copy()}
 
 
 def practice(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:

@@ -17,6 +17,7 @@ from sffr_gym.lanes import where
 from sffr_gym.params import Params
 
 COORDINATES = ("q4", "q5", "q6")
+TRANSVERSE = COORDINATES.index("q5")
 
 
 class Suppression(NamedTuple):

@@ -285,9 +285,13 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     def _note(self) -> None:
         """Keep what later pictures show, and show the present one if there is a window."""
         if self._film is not None:
-            self._film.note(self._batch, [0])
+            self._film.note(self._batch, [0], self._acting())
             if self.render_mode == "human":
                 self._film.show(self._batch)
+
+    def _acting(self) -> Array | None:
+        """Virtual damping (1, n_p) of the panels' tip displacements, where a law inside has one."""
+        return None
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
@@ -305,7 +309,7 @@ def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -
     return resolved.with_overrides(*overrides)
 
 
-def make_film(render_mode: str | None, robot: Robot, count: int = 1) -> Film | None:
+def make_film(render_mode: str | None, robot: Robot, count: int = 1, damped: bool = False) -> Film | None:
     """What draws environments in a render mode; raises gymnasium.error.DependencyNotInstalled without Pillow."""
     if render_mode is None:
         return None
@@ -315,7 +319,7 @@ def make_film(render_mode: str | None, robot: Robot, count: int = 1) -> Film | N
         if error.name != "PIL":
             raise
         raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
-    return Film(robot.period, len(robot.model.panel_root), count)
+    return Film(robot.period, len(robot.model.panel_root), count, damped)
 
 
 def make_spaces(robot: Any) -> tuple[gym.spaces.Box, gym.spaces.Box]:

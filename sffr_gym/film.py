@@ -23,11 +23,12 @@ class Film:
         period: control period [s].
         n_panels: number of panels.
         count: rows of the batch.
+        damped: their virtual damping is told, and drawn.
     """
 
-    def __init__(self, period: float, n_panels: int, count: int = 1) -> None:
+    def __init__(self, period: float, n_panels: int, count: int = 1, damped: bool = False) -> None:
         self._period = period
-        self._traces = [Trace(period, n_panels) for _ in range(count)]
+        self._traces = [Trace(period, n_panels, damped) for _ in range(count)]
         self._renderers: dict[int, Renderer] = {}
         self._window = Window(period)
 
@@ -36,14 +37,21 @@ class Film:
         self._renderers[i] = Renderer(episode.plant, episode.reference, title, subtitle)
         self._traces[i].clear()
 
-    def note(self, batch: Batch, rows: Iterable[int]) -> None:
-        """Keep of the present moment of these environments what later pictures show; call after a step or a reset."""
+    def note(self, batch: Batch, rows: Iterable[int], damping: Array | None = None) -> None:
+        """Keep of the present moment of these environments what later pictures show; call after a step or a reset.
+
+        Args:
+            batch: the environments.
+            rows: which of them.
+            damping: (n, n_p) virtual damping of each panel's tip displacement [N s/m], where it is known.
+        """
         for i in rows:
             tick = int(batch.tick[i])
             if self._traces[i].is_due(tick):
                 tips = tip_deflections(self._renderers[i].model, batch.p[[i]])[0]
                 signals = batch.signals[i]
-                self._traces[i].append((tick * self._period, signals[ERROR], signals[VIBRATION], *tips))
+                acting = () if damping is None else damping[i]
+                self._traces[i].append((tick * self._period, signals[ERROR], signals[VIBRATION], *tips, *acting))
 
     def picture(self, batch: Batch, i: int) -> np.ndarray:
         """The picture (size, size, 3) of environment ``i``, uint8; a pure function of state and trace."""

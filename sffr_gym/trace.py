@@ -1,7 +1,7 @@
 """The last seconds of an episode, kept for pictures: a part of the environment's state, so that pictures are one too.
 
-Rows of time [s], tracking error [m], vibration energy [J], each panel's transverse tip deflection [m] and, if a
-trajectory knows it, each panel's virtual damping of it [N s/m].
+Rows of time [s], tracking error [m], vibration energy [J], each panel's transverse tip deflection [m] and, where a
+law is known, each panel's virtual damping of it [N s/m].
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ class Trace:
     Args:
         period: control period [s].
         n_panels: number of panels.
+        damped: rows have the damping, too.
     """
 
     SPAN, EVERY = 20.0, 0.05
 
-    def __init__(self, period: float, n_panels: int) -> None:
+    def __init__(self, period: float, n_panels: int, damped: bool = False) -> None:
         self._stride = max(round(self.EVERY / period), 1)
-        self._columns = 1 + TIPS + n_panels
+        self._columns = 1 + TIPS + n_panels * (1 + damped)
         self._rows: deque[tuple[float, ...]] = deque(maxlen=round(self.SPAN / (self._stride * period)) + 1)
 
     def clear(self) -> None:

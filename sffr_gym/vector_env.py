@@ -126,7 +126,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded(f"environments {finished} are done: reset them with options['reset_mask']")
         self._advance(actions, ~again)
         if self._film is not None:
-            self._film.note(self._batch, range(self.num_envs))
+            self._film.note(self._batch, range(self.num_envs), self._acting())
         if again.any():
             self._restart(again)
         terminated = self._batch.status != RUNNING
@@ -181,6 +181,10 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold the actions (n, n_u) in the active environments."""
         step_batch(self._fleet, self._batch, actions, active)
 
+    def _acting(self) -> Array | None:
+        """Virtual damping (n, n_p) of the panels' tip displacements, where a law inside has one."""
+        return None
+
     def _observed(self) -> Array:
         """A copy of what agents see now."""
         return self._batch.obs.copy()
@@ -199,7 +203,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._start(int(i), episode)
             if self._film is not None:
                 self._film.start(int(i), episode, self.scenario.name, f"environment {i}")
-                self._film.note(self._batch, [int(i)])
+                self._film.note(self._batch, [int(i)], self._acting())
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True

@@ -17,6 +17,7 @@ from baselines import make_policy
 from baselines.damping_loop import see_one
 from baselines.rollout import rollout
 from baselines.schedule import BOUNDS, N_FEATURES
+from baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.task import REWARDS, VIBRATION
@@ -216,3 +217,24 @@ def test_vec_monitor_keeps_the_statistics_of_episodes(per_panel):
 def test_vec_env_needs_the_autoreset_of_sb3():
     with pytest.raises(ValueError, match="SAME_STEP"):
         DampingVecEnv(SFFRFlexDampingVectorEnv(2))
+
+
+def test_pictures_show_the_damping_that_acts():
+    """The strip has a line for each panel's damping, single and batched alike, and it moves with the actions."""
+    pytest.importorskip("PIL")
+    single = gym.make("SFFRFlexDamping-v0", render_mode="rgb_array").unwrapped
+    batch = SFFRFlexDampingVectorEnv(2, render_mode="rgb_array")
+    single.reset(seed=5)
+    batch.reset(seed=5)
+    rng, dampings = np.random.default_rng(0), [single.damping[:, TRANSVERSE]]
+    for _ in range(30):
+        action = rng.uniform(-1.0, 1.0, single.action_space.shape)
+        single.step(action)
+        batch.step(np.tile(action, (2, 1)))
+        dampings.append(single.damping[:, TRANSVERSE])
+    trace = single.get_state()["trace"]
+    np.testing.assert_array_equal(trace[:, -2:], dampings)
+    assert np.ptp(trace[:, -2]) > 1.0
+    picture = single.render()
+    assert picture.shape == (600, 600, 3)
+    np.testing.assert_array_equal(batch.render()[0][60:], picture[60:])  # beside the subtitle
