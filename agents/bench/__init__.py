@@ -2,9 +2,3 @@
 
 The comparisons need the extra ``bench``.
 """
-
-from pathlib import Path
-
-from sffr_gym._jit import cache_sources
-
-cache_sources(Path(__file__).parents[1])
