@@ -19,6 +19,7 @@ from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
 from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
 from agents.figures import save_figures
+from agents.options import FirstSeed, Overrides, ParamsFile, Quiet
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
@@ -71,26 +72,16 @@ def evaluate_command(
             show_default=f"{EPISODES}, or 1 if the scenario draws nothing",
         ),
     ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="K", help="Seed of the first episode; the next ones count up.")
-    ] = EVALUATION_SEED,
+    seed: FirstSeed = EVALUATION_SEED,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Run folder.", show_default="runs/<scenario>-<date-time>"),
     ] = None,
-    params: Annotated[
-        str | None,
-        typer.Option("--params", metavar="FILE", help="YAML file over the case study.", show_default="the case study"),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a parameter, SI units, such as panel.EI=25; repeatable."
-        ),
-    ] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw each policy's first episode.")] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run policies on the same episodes of a scenario, measure them, and leave a run folder.
 
@@ -144,7 +135,7 @@ def verify_command(
         typer.Option("--out", "-o", metavar="DIR", help="Folder of the page.", show_default="runs/verify-<date-time>"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the page in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Check the simulator against derivations and engines that others wrote: SymPy, Pinocchio, MuJoCo, Exudyn.
 
@@ -179,7 +170,7 @@ def reproduce_command(
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Draw the paper's figures of section 5.3 with our numbers, and say which of its claims hold.
 

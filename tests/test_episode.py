@@ -228,22 +228,10 @@ def test_everything_can_be_drawn_at_once(params):
     assert len(set(random)) == len(random)
 
 
-@pytest.fixture
-def file(tmp_path):
-    """Return a function that writes a user's scenario and returns its path."""
-
-    def write(**keys):
-        path = tmp_path / "mine.yaml"
-        path.write_text(yaml.safe_dump({"name": "mine", "description": "a test's"} | keys), encoding="utf-8")
-        return str(path)
-
-    return write
-
-
-def test_the_plant_is_simulated_as_a_robot_of_its_parameters(file):
+def test_the_plant_is_simulated_as_a_robot_of_its_parameters(user_scenario):
     """States, observation, reward and measures are those of an environment whose parameters are the plant's."""
     double = [2.0, 2.0]
-    env = SFFRFlexEnv(file(plant={"EI": double, "panel_mass": double, "link_mass": double, "object": double}))
+    env = SFFRFlexEnv(user_scenario(plant={"EI": double, "panel_mass": double, "link_mass": double, "object": double}))
     masses = [f"{{mass: {2 * mass}, inertia: 1.0, length: 1.0, com: 0.5}}" for mass in (4, 3)]
     changes = ["panel.EI=40", "panel.mass=18", "object.mass=6", "object.inertia=1.0"]
     changes += [f"arms.{arm}.links=[{', '.join(masses)}]" for arm in (0, 1)]
@@ -268,9 +256,9 @@ def test_the_plant_is_simulated_as_a_robot_of_its_parameters(file):
     [("piezo", [slice(0, 3), slice(3, 6)]), ("thruster", [slice(6, 9)]), ("joint", [slice(9, 15)])],
 )
 @pytest.mark.parametrize("remaining", [0.0, 0.5])
-def test_a_fault_cuts_off_what_is_lost_of_the_limit(file, fault, lost, remaining):
+def test_a_fault_cuts_off_what_is_lost_of_the_limit(user_scenario, fault, lost, remaining):
     """An action asks for the same force as ever; what the fault leaves of the limit bounds it, and a dead one is 0."""
-    env = SFFRFlexEnv(file(faults=[{"actuators": fault, "remaining": remaining}]))
+    env = SFFRFlexEnv(user_scenario(faults=[{"actuators": fault, "remaining": remaining}]))
     limit = SFFRFlexEnv().robot.actuators.limit
     hit = set()
     for seed in range(8):

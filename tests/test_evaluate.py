@@ -23,32 +23,18 @@ from sffr_gym.scenario import load_scenario
 
 SEED = 1_000_003
 POLICIES = ["none", "hsc", "ahsc"]
-SHORT = """
-name: short
-description: A short episode with swinging panels.
-duration: 2.0
-panel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]
-"""
 
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory):
-    """A scenario of 2 s that draws the panels' excitation."""
-    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
-    file.write_text(SHORT)
-    return str(file)
-
-
-@pytest.fixture(scope="module")
-def evaluation(scenario):
+def evaluation(swinging):
     """Three policies on the same three episodes."""
-    return evaluate(POLICIES, scenario, episodes=3, seed=SEED)
+    return evaluate(POLICIES, swinging, episodes=3, seed=SEED)
 
 
 @pytest.fixture(scope="module")
-def failing(scenario):
+def failing(swinging):
     """One policy that fails and one that does not."""
-    return evaluate(["hsc", "random"], scenario, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
+    return evaluate(["hsc", "random"], swinging, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
 
 
 def results(policy, *episodes):
@@ -78,8 +64,8 @@ def test_every_policy_gets_the_same_episodes(evaluation):
     assert starts[0] == starts[1] == starts[2]
 
 
-def test_each_episode_is_the_rollout_of_its_seed(evaluation, scenario):
-    env = SFFRFlexEnv(scenario=scenario)
+def test_each_episode_is_the_rollout_of_its_seed(evaluation, swinging):
+    env = SFFRFlexEnv(scenario=swinging)
     for i in range(3):
         trajectory = rollout(env, make_policy("ahsc", env), SEED + i)
         assert evaluation.results["ahsc"][i].measures == measure(trajectory.signals, trajectory.period)
@@ -89,7 +75,7 @@ def test_summary_has_the_promised_keys_and_the_means(evaluation):
     summary = evaluation.summary()
     assert list(summary) == ["scenario", "scenario_hash", "episodes", "seed", "policies"]
     assert summary["scenario_hash"] == evaluation.scenario.hash(load_params())
-    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 3, SEED)
+    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("swinging", 3, SEED)
     assert list(summary["policies"]) == POLICIES
     for policy, means in summary["policies"].items():
         assert list(means) == list(MEASURES)
@@ -99,17 +85,15 @@ def test_summary_has_the_promised_keys_and_the_means(evaluation):
             assert type(mean) is float
 
 
-def test_number_of_episodes_follows_what_the_scenario_draws(tmp_path):
-    quiet, drawing = tmp_path / "quiet.yaml", tmp_path / "drawing.yaml"
-    quiet.write_text("name: quiet\ndescription: Nothing.\nduration: 0.1\n")
-    drawing.write_text("name: drawing\ndescription: Shifts.\nduration: 0.1\noffset_position: 0.01\n")
-    assert evaluate(["none"], str(quiet)).episodes == 1
-    assert evaluate(["none"], str(quiet), episodes=2).episodes == 2
-    assert evaluate(["none"], str(drawing)).episodes == 10
+def test_number_of_episodes_follows_what_the_scenario_draws(user_scenario):
+    quiet, drawing = user_scenario(duration=0.1), user_scenario(duration=0.1, offset_position=0.01)
+    assert evaluate(["none"], quiet).episodes == 1
+    assert evaluate(["none"], quiet, episodes=2).episodes == 2
+    assert evaluate(["none"], drawing).episodes == 10
 
 
-def test_overrides_reach_the_result(evaluation, scenario):
-    stiffer = evaluate(["none"], scenario, episodes=1, seed=SEED, overrides=["panel.EI=30", "control.Kp=100"])
+def test_overrides_reach_the_result(evaluation, swinging):
+    stiffer = evaluate(["none"], swinging, episodes=1, seed=SEED, overrides=["panel.EI=30", "control.Kp=100"])
     assert stiffer.params.panel.EI == 30.0
     assert (
         stiffer.results["none"][0].measures["track_rmse"] > 2.0 * evaluation.results["none"][0].measures["track_rmse"]
@@ -133,9 +117,9 @@ def test_faults_are_config_errors_that_help(arguments, message):
         evaluate(**arguments)
 
 
-def test_progress_reaches_the_total_and_never_falls(scenario):
+def test_progress_reaches_the_total_and_never_falls(swinging):
     seen = []
-    evaluate(["none", "hsc"], scenario, episodes=2, seed=SEED, progress=lambda *report: seen.append(report))
+    evaluate(["none", "hsc"], swinging, episodes=2, seed=SEED, progress=lambda *report: seen.append(report))
     assert seen[0] == ("none", 0, 0)
     assert seen[-1] == ("hsc", 4000, 4000)
     done = [each[1] for each in seen]
@@ -201,11 +185,10 @@ def test_table_shows_values_in_the_units_of_its_heading(evaluation):
 
 
 @pytest.fixture(scope="module")
-def heavy(tmp_path_factory):
+def heavy(user_scenario):
     """HSC and no suppression with an object that is heavier than they believe."""
-    file = tmp_path_factory.mktemp("scenario") / "heavy.yaml"
-    file.write_text("{name: heavy, description: A heavier object., duration: 2.0, plant: {object: [10.0, 20.0]}}")
-    return evaluate(["none", "hsc"], str(file), episodes=2, seed=SEED)
+    file = user_scenario(duration=2.0, plant={"object": [10.0, 20.0]})
+    return evaluate(["none", "hsc"], file, episodes=2, seed=SEED)
 
 
 def test_a_wrong_model_stands_beside_the_right_one(heavy):
@@ -234,19 +217,18 @@ def test_oracles_run_where_the_plant_is_not_the_known_one(given, run):
     assert with_right_models(given, load_scenario("degraded")) == given
 
 
-def test_an_oracle_of_the_known_plant_is_its_law(scenario):
+def test_an_oracle_of_the_known_plant_is_its_law(swinging):
     """Where nothing differs, the right model changes nothing, bit for bit."""
-    results = evaluate(["ahsc", "ahsc-oracle"], scenario, episodes=2, seed=SEED).results
+    results = evaluate(["ahsc", "ahsc-oracle"], swinging, episodes=2, seed=SEED).results
     for left, right in zip(*results.values(), strict=True):
         assert left.measures == right.measures
 
 
-def test_progress_counts_the_periods_of_each_episode(tmp_path):
+def test_progress_counts_the_periods_of_each_episode(user_scenario):
     """Episodes of different lengths add up to the total, and the title does not claim one length for all."""
-    file, seen = tmp_path / "fast.yaml", []
-    file.write_text("{name: fast, description: Fast ones., speed: [0.08, 0.12]}")
+    file, seen = user_scenario(speed=[0.08, 0.12]), []
     found = evaluate(
-        ["none"], str(file), episodes=2, seed=SEED, overrides=["path.radius=0.05"],
+        ["none"], file, episodes=2, seed=SEED, overrides=["path.radius=0.05"],
         progress=lambda _, done, total: seen.append((done, total)),
     )  # fmt: skip
     lengths = [round(result.measures["duration"] / 2e-3) for result in found.results["none"]]
@@ -287,7 +269,7 @@ def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
         result = evaluation.results[row["policy"]][int(row["seed"]) - SEED]
         assert {name: float(row[name]) for name in MEASURES} == result.measures
         assert {name: float(row[name]) for name in result.drawn} == result.drawn
-        assert row["failure"] == "" and row["scenario"] == "short"
+        assert row["failure"] == "" and row["scenario"] == "swinging"
     assert read_episodes(tmp_path / "new" / "run") == [r for p in POLICIES for r in evaluation.results[p]]
 
     manifest = json.loads(files[1].read_text())
