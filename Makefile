@@ -13,9 +13,10 @@ PYTEST_ARGS ?=
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/nominal and runs/excited
+run: $(VENV)/.run ## the case study under no suppression, HSC and AHSC; results in runs/, to look at in runs/report.html
 	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
 	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
+	$(BIN)/sffr report runs/nominal runs/excited --out runs/report.html --overwrite
 
 verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Exudyn; page in runs/verify
 	$(BIN)/sffr verify --out runs/verify --overwrite
@@ -53,7 +54,7 @@ clean: ## remove the virtual environment, tool caches and build products, but no
 # What is installed is installed again when the list of dependencies or of their versions changes, and only then.
 $(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/pip
 	@echo "Installing the package into $(VENV) ..."
-	@$(INSTALL) ".[plot]"
+	@$(INSTALL) ".[plot,report]"
 	@touch $@
 
 $(VENV)/.verify: pyproject.toml constraints.txt | $(BIN)/pip

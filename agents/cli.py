@@ -14,18 +14,23 @@ from rich.markup import escape
 
 import verification
 from agents import verify
+from agents.animate import Cut, animate
 from agents.bench.commands import add_commands as add_speed_commands
 from agents.benchmark.commands import add_commands as add_benchmark_commands
 from agents.display import CheckDisplay, EvaluationDisplay
-from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, remarks, table
+from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, number, remarks, table
 from agents.figures import save_figures
-from agents.options import FirstSeed, Overrides, ParamsFile, Quiet
+from agents.learned import shipped_policies
+from agents.learning.commands import add_commands as add_learning_commands
+from agents.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName
+from agents.report.commands import add_commands as add_report_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
 from agents.user_errors import user_errors
 from baselines import POLICIES
 from sffr_gym import ConfigError
 from sffr_gym._jit import remove_stale_caches
+from sffr_gym.task import VIBRATION
 from verification import SECTIONS
 
 app = typer.Typer(
@@ -53,15 +58,16 @@ def sffr(
     remove_stale_caches()
 
 
-_POLICY_HELP = "Policies to compare.\n\n" + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
+_LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
+_POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items()
+)
 
 
 @app.command("evaluate", no_args_is_help=True)
 def evaluate_command(
     policies: Annotated[list[str], typer.Argument(metavar="POLICY", help=_POLICY_HELP, show_default=False)],
-    scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
-    ] = "nominal",
+    scenario: ScenarioName = "nominal",
     episodes: Annotated[
         int | None,
         typer.Option(
@@ -102,7 +108,8 @@ def evaluate_command(
         tables.print(line, style="dim", markup=False)
     if figures:
         written += _draw(out, evaluation, notes)
-    tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
+    names = (path.relative_to(out).as_posix() for path in written)
+    tables.print(f"\n{out}: {', '.join(names)}", markup=False, soft_wrap=True)
 
 
 def _draw(out: Path, evaluation: Evaluation, notes: Console) -> list[Path]:
@@ -189,8 +196,57 @@ def reproduce_command(
     tables.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)
 
 
+@app.command("animate", no_args_is_help=True)
+def animate_command(
+    policies: Annotated[
+        list[str],
+        typer.Argument(metavar="POLICY [POLICY]", help="One policy, or two side by side.", show_default=False),
+    ],
+    scenario: ScenarioName = "nominal",
+    seed: Annotated[int, typer.Option("--seed", metavar="K", help="Seed of the episode.")] = EVALUATION_SEED,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="A .gif or .mp4.", show_default="runs/<policies>-<scenario>.gif"
+        ),
+    ] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
+    speed: Annotated[float, typer.Option("--speed", metavar="N", help="Times real time.")] = Cut.speed,
+    fps: Annotated[int, typer.Option("--fps", metavar="N", help="Pictures a second.")] = Cut.fps,
+    duration: Annotated[
+        float | None,
+        typer.Option("--duration", metavar="S", help="Show so much of the episode [s].", show_default="all"),
+    ] = None,
+    size: Annotated[int, typer.Option("--size", metavar="N", help="Sides of a policy's picture [pixels].")] = Cut.size,
+    exaggeration: Annotated[
+        float, typer.Option("--exaggeration", metavar="N", help="Draw deflections so many times as large.")
+    ] = Cut.exaggeration,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    r"""Make a moving picture of a policy at work, or of two side by side in the same episode: GIF or MP4.
+
+    A GIF needs the extra [bold]render[/], an MP4 [bold]video[/]: pip install "sffr-gym\[video]".
+    """
+    notes, tables = Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
+    with user_errors():
+        out = out or Path("runs") / f"{'-'.join(Path(policy).name for policy in policies)}-{Path(scenario).stem}.gif"
+        cut = Cut(speed, fps, duration, size, exaggeration)
+        with EvaluationDisplay(notes) as display:
+            trajectories = animate(policies, out, scenario, seed, params, overrides or (), cut, overwrite, display)
+    for trajectory in trajectories:
+        energy = 1000.0 * trajectory.signals[:, VIBRATION].mean()
+        end = f", failed: {trajectory.failure}" if trajectory.failure else ""
+        tables.print(f"{trajectory.policy}: vibration energy {number(energy)} mJ on average{end}", markup=False)
+    tables.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", markup=False, soft_wrap=True)
+
+
 add_speed_commands(app)
 add_benchmark_commands(app)
+add_learning_commands(app)
+add_report_commands(app)
+
 
 if __name__ == "__main__":
     app()

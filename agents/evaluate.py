@@ -15,8 +15,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from agents.learned import check_titles, load_policy
 from agents.score import REFERENCE, WEIGHTS, Result, costs, ratios
-from baselines import make_policy
 from baselines.policies import ORACLES, Policy, left_out
 from baselines.rollout import Trajectory, rollout
 from sffr_gym import ConfigError, Params
@@ -92,8 +92,8 @@ def evaluate(
     """Run policies on the same episodes of a scenario.
 
     Args:
-        policies: names. Where a scenario's plant is not what the controllers believe, HSC and AHSC run with the right
-            model as well.
+        policies: names, or ``.npz`` files of learned ones. Where a scenario's plant is not what the controllers
+            believe, HSC and AHSC run with the right model as well.
         scenario: a shipped scenario's name or a file.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
@@ -107,7 +107,7 @@ def evaluate(
     started, clock = datetime.now(UTC), time.perf_counter()
     progress = progress or (lambda policy, done, total: None)
     resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
-    runners = _make_policies(with_right_models(policies, chosen), resolved)
+    runners = make_policies(with_right_models(policies, chosen), resolved)
     if seed < 0:
         raise ConfigError(f"seed = {seed}: must be at least 0")
     if episodes is not None and episodes < 1:
@@ -125,7 +125,7 @@ def evaluate(
         for i in range(episodes):
             begun = ends[-1] * k + ends[i]
             progress(policy.name, begun, total)
-            trajectory = rollout(env, policy, seed + i, _counter(progress, policy.name, begun, total))
+            trajectory = rollout(env, policy, seed + i, counter(progress, policy.name, begun, total))
             first.setdefault(policy.name, trajectory)
             results[policy.name].append(result_of(trajectory))
     progress(runners[-1].name, total, total)
@@ -165,7 +165,7 @@ def table(evaluation: Evaluation, width: int = 100) -> Table:
     columns: list[dict[str, str]] = []
     for name, heading, always in COLUMNS:
         if always or width >= WIDE:
-            unit, scale = _unit(MEASURES[name], max(abs(means[policy][name]) for policy in whole))
+            unit, scale = unit_for(MEASURES[name], max(abs(means[policy][name]) for policy in whole))
             out.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
             columns.append({policy: number(means[policy][name] / scale) for policy in results})
     for name, heading in ("vibration", "vibr.\nratio"), ("track_rmse", "track\nratio"):
@@ -218,7 +218,14 @@ def number(value: float) -> str:
     return f"{value:.{max(0, 2 - floor(log10(abs(value))))}f}"
 
 
-def _counter(progress: Report, policy: str, begun: int, total: int) -> Callable[[int], None]:
+def unit_for(unit: str, largest: float) -> tuple[str, float]:
+    """The unit with the SI prefix that suits a column's largest value, and how many of the plain one it is."""
+    power = floor(log10(largest) / 3) if unit in PREFIXES and 0.0 < largest < inf else 0
+    power = min(0, max(power, min(SMALL)))
+    return SMALL[power] + unit.replace("2", "²"), 1000.0**power
+
+
+def counter(progress: Report, policy: str, begun: int, total: int) -> Callable[[int], None]:
     """Turn the increments of an episode into the progress of the whole evaluation."""
     done = begun
 
@@ -230,19 +237,12 @@ def _counter(progress: Report, policy: str, begun: int, total: int) -> Callable[
     return count
 
 
-def _make_policies(names: Sequence[str], params: Params) -> list[Policy]:
+def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
     """Build the policies; raises ConfigError if there is none, for an unknown one and for one that is given twice."""
     if not names:
         raise ConfigError("no policy given")
-    for name in names:
-        if names.count(name) > 1:
-            raise ConfigError(f"policy {name!r} is given twice")
-    try:
-        return [make_policy(name, params) for name in names]
-    except ConfigError:
-        raise
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    check_titles(names)
+    return [load_policy(name, params) for name in names]
 
 
 def _length(env: SFFRFlexEnv, seed: int) -> int:
@@ -257,10 +257,3 @@ def _span(evaluation: Evaluation) -> str:
     if scenario.duration is None and scenario.speed is not None:
         return "once around"
     return f"of {scenario.ticks(params) * params.control.period:.4g} s"
-
-
-def _unit(unit: str, largest: float) -> tuple[str, float]:
-    """The unit with the SI prefix that suits a column's largest value, and how many of the plain one it is."""
-    power = floor(log10(largest) / 3) if unit in PREFIXES and 0.0 < largest < inf else 0
-    power = min(0, max(power, min(SMALL)))
-    return SMALL[power] + unit.replace("2", "²"), 1000.0**power

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.evaluate import Evaluation
-from agents.robot_figure import path_figure, tip_deflections
+from agents.robot_figure import path_figure
 from agents.run_folder import FIGURES, write_whole
 from agents.score import REFERENCE
 from baselines.rollout import Trajectory, true_observations
 from baselines.suppression import COORDINATES
 from sffr_gym.actuators import pack_actuators
 from sffr_gym.beam import N_TIP, Array
-from sffr_gym.kinematics import rotation
+from sffr_gym.geometry import resting_amplitudes, tip_deflections
 from sffr_gym.model import N_BASE, Model, mode_slice, pack
 from sffr_gym.params import Params
 from sffr_gym.task import VIBRATION
@@ -217,21 +217,12 @@ def forces(view: View) -> Figure:
 
 
 def quasi_static(view: View, trajectory: Trajectory) -> Array:
-    """Positions (rows, n) whose bending amplitudes are those that the reference's acceleration alone holds, else zero.
-
-    ``eta = -omega^-2 phi a`` with the transverse acceleration ``a`` of each panel's root under the desired motion.
-    """
-    model, reference, fields = view.model, trajectory.reference, trajectory.fields
-    p = np.zeros_like(trajectory.p)
-    amplitudes = np.zeros((len(p), *model.omega2.shape))
-    turn2 = trajectory.obs[:, fields["reference_turn"].slice] ** 2
-    for i, (root, axis) in enumerate(zip(model.panel_root, model.panel_axis, strict=True)):
-        arm = np.array([reference.base_x, reference.base_y]) + rotation(reference.yaw) @ root
-        a = trajectory.obs[:, fields["reference_acceleration"].slice] - turn2 * arm
-        across = a @ rotation(reference.yaw) @ np.array([-axis[1], axis[0]])
-        bending = slice(model.n_axial, None)
-        amplitudes[:, i, bending] = -across[:, None] * model.translation[i, bending] / model.omega2[i, bending]
-    p[:, mode_slice(model)] = amplitudes.reshape(len(p), -1)
+    """Positions (rows, n): bending amplitudes that the reference's acceleration alone holds, and zeros."""
+    fields, p = trajectory.fields, np.zeros_like(trajectory.p)
+    a = trajectory.obs[:, fields["reference_acceleration"].slice]
+    turn = trajectory.obs[:, fields["reference_turn"].slice][:, 0]
+    amplitudes = resting_amplitudes(view.model, trajectory.reference, a, turn)
+    p[:, mode_slice(view.model)] = amplitudes.reshape(len(p), -1)
     return p
 
 

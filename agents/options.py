@@ -14,6 +14,9 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a parameter, SI units, such as panel.EI=25; repeatable."),
 ]
+ScenarioName = Annotated[
+    str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
+]
 FirstSeed = Annotated[
     int, typer.Option("--seed", metavar="K", help="Seed of the first episode; the next ones count up.")
 ]

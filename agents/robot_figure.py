@@ -1,4 +1,4 @@
-"""The picture of the robot on its circle: geometry of arms and panels in a state, and how they are drawn."""
+"""The picture of the robot on its circle, by matplotlib."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baselines.rollout import Trajectory
-from sffr_gym.beam import N_TIP, Array, shape_functions
+from sffr_gym.beam import Array
+from sffr_gym.geometry import CORNERS, arm_line, in_base_axes, panel_line, tip_deflections
 from sffr_gym.kinematics import rotation
-from sffr_gym.model import N_BASE, Model, joint_slice, mode_slice, nodal, object_slice
+from sffr_gym.model import Model, object_slice
 from sffr_gym.params import Params
 from sffr_gym.reference import circle_points
 
@@ -23,7 +24,6 @@ FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)  # by which deflections may be enlarged
 LARGE = 0.3  # of a panel's length: how far an enlarged tip may be drawn from the straight panel
 APART = 10.0  # m of path between two drawn robots
 MOST = 8  # robots
-CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
 
 
 def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
@@ -101,47 +101,6 @@ def draw_robot(
         axes.add_patch(Polygon(square, facecolor=OBJECT, edgecolor=EDGE, linewidth=1.3 * size, zorder=8))
         parts.append(("object", pose[:2]))
     return parts
-
-
-def arm_line(model: Model, p: Array, arm: int) -> Array:
-    """Mount, joints and tip of an arm (n_links + 1, 2) [m], inertial axes, in a state ``p`` (n,)."""
-    mount = model.arm_mount[arm]
-    links = slice(model.arm_first[arm], model.arm_first[arm + 1])
-    angles = p[2] + mount[2] + np.cumsum(p[joint_slice(model)][links])
-    steps = model.link_length[links, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    line: Array = p[:2] + rotation(p[2]) @ mount[:2] + np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
-    return line
-
-
-def panel_line(model: Model, params: Params, p: Array, panel: int, factor: float = 1.0, points: int = 24) -> Array:
-    """A panel's centre line from root to tip (about ``points``, 2) [m], inertial axes, deflections times ``factor``."""
-    nodes = np.concatenate([np.zeros(N_TIP), nodal(model, p[mode_slice(model)])[panel]]).reshape(-1, N_TIP)
-    step = params.panel.length / params.panel.elements
-    local = [np.zeros(2)]
-    for element in range(params.panel.elements):
-        ends = np.concatenate([nodes[element], nodes[element + 1]])
-        for xi in np.linspace(0.0, 1.0, max(points // params.panel.elements, 2) + 1)[1:]:
-            U, W, *_ = shape_functions(xi, step)
-            local.append(np.array([step * (element + xi) + U @ ends, factor * (W @ ends)]))
-    (c, s), root = model.panel_axis[panel], model.panel_root[panel]
-    line: Array = p[:2] + (root + np.array(local) @ np.array([[c, s], [-s, c]])) @ rotation(p[2]).T
-    return line
-
-
-def tip_deflections(model: Model, p: Array) -> Array:
-    """Transverse tip deflections (rows, n_p) [m] of positions (rows, n)."""
-    amplitudes = p[:, mode_slice(model)].reshape(len(p), *model.omega2.shape)
-    tips: Array = np.einsum("pm,tpm->tp", model.shapes[:, -N_TIP + 1, :], amplitudes)
-    return tips
-
-
-def in_base_axes(model: Model, p: Array) -> Array:
-    """The same state (n,) seen from the base."""
-    seen, pose = p.copy(), object_slice(model)
-    seen[:N_BASE] = 0.0
-    if seen[pose].size:
-        seen[pose] = np.append((p[pose][:2] - p[:2]) @ rotation(p[2]), p[pose][2] - p[2])
-    return seen
 
 
 def _draw_paths(axes: Axes, trajectory: Trajectory, model: Model, params: Params) -> None:

@@ -1,4 +1,4 @@
-"""The folder of a run: ``summary.json``, ``episodes.csv`` and ``manifest.json``, each written whole or not at all."""
+"""The folder of a run: summary, episodes, manifest and recordings, each file written whole or not at all."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sffr_gym
-from agents.evaluate import Evaluation
+from agents.recording import RECORDINGS, Recording, file_of, recording_files
 from agents.score import Result
 from sffr_gym import ConfigError
 from sffr_gym.metrics import MEASURES
+
+if TYPE_CHECKING:  # it loads learned policies, which are written as these files are
+    from agents.evaluate import Evaluation
 
 SUMMARY, EPISODES, MANIFEST = "summary.json", "episodes.csv", "manifest.json"
 FIGURES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
@@ -51,7 +54,7 @@ def check_folder(folder: Path, overwrite: bool = False, result: str = SUMMARY) -
 
 
 def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> list[Path]:
-    """Write summary, episodes and manifest of an evaluation; the summary last, as the sign of a finished run.
+    """Write recordings, episodes, manifest and summary of an evaluation; the summary last, the sign of a finished run.
 
     Args:
         folder: made if need be.
@@ -61,15 +64,22 @@ def write_run(folder: Path, evaluation: Evaluation, command: Sequence[str]) -> l
     Returns:
         The files, in the order in which they were written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for stale in SUMMARY, *FIGURES:  # of a run that is replaced
-        (folder / stale).unlink(missing_ok=True)
+    (folder / RECORDINGS).mkdir(parents=True, exist_ok=True)
+    for stale in (
+        *(folder / name for name in (SUMMARY, *FIGURES)),
+        *recording_files(folder),
+    ):  # of a run that is replaced
+        stale.unlink(missing_ok=True)
     texts = {
         EPISODES: episodes_csv([result for results in evaluation.results.values() for result in results]),
         MANIFEST: to_json(manifest(evaluation, command)),
         SUMMARY: to_json(evaluation.summary()),
     }
-    return [write_whole(folder / name, text.encode()) for name, text in texts.items()]
+    recordings = [
+        write_whole(file_of(folder, policy), Recording.of(trajectory).to_bytes())
+        for policy, trajectory in evaluation.first.items()
+    ]
+    return recordings + [write_whole(folder / name, text.encode()) for name, text in texts.items()]
 
 
 def episodes_csv(rows: Sequence[Result]) -> str:
@@ -114,13 +124,14 @@ def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def origin(command: Sequence[str], started: datetime, elapsed: float) -> dict[str, Any]:
-    """Where a result comes from: command, time, versions, machine, code."""
+def origin(command: Sequence[str], started: datetime, elapsed: float, packages: Sequence[str] = ()) -> dict[str, Any]:
+    """Where a result comes from: command, time, versions (of more packages, if named), machine, code."""
     return {
         "command": shlex.join(command),
         "started": started.isoformat(timespec="seconds"),
         "duration_s": elapsed,
-        "versions": {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES},
+        "versions": {"python": platform.python_version()}
+        | {name: package_version(name) for name in (*PACKAGES, *packages)},
         "platform": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),

@@ -10,10 +10,9 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
-import numpy as np
-
 from sffr_gym._jit import kernel
 from sffr_gym.beam import Array
+from sffr_gym.lanes import ONE, zeros
 from sffr_gym.observation import Field
 
 
@@ -56,10 +55,12 @@ def layout(fields: dict[str, Field]) -> Layout:
 
 
 @kernel(allocates=True)
-def mic_workspace(prior):
-    """Allocate the buffers of :func:`mic` for a robot."""
-    n = len(prior.link_mass)
-    return MicWork(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((len(prior.arm_mount), 2)))
+def mic_workspace(prior, one=ONE):
+    """Allocate the buffers of :func:`mic` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
+    n, n_a = len(prior.link_mass), len(prior.arm_mount)
+    return MicWork(
+        zeros(one, n), zeros(one, n), zeros(one, n), zeros(one, n), zeros(one, n), zeros(one, (n_a, 2))
+    )  # fmt: skip
 
 
 @kernel(inline=True)

@@ -11,6 +11,7 @@ import numpy as np
 from baselines.closed_loop import Law, act
 from baselines.mic import layout
 from baselines.regulator import make_regulator
+from baselines.schedule import make_schedule
 from baselines.settings import load_damping, load_weights
 from baselines.stability import MARGIN, sampled_growth
 from baselines.suppression import damped_coordinates, make_suppression
@@ -49,16 +50,19 @@ class LawPolicy:
     Attributes:
         law: its compiled form, for the closed loop.
         B_hat: (n, n_p, 3) virtual damping of each environment; None before the first observation.
+        factor: (n, n_p, 3) what a schedule makes of it; tick: control periods since the start.
     """
 
     def __init__(self, name: str, law: Law) -> None:
         self.name = name
         self.law = law
         self.B_hat: Array | None = None
+        self.factor = np.ones(0)
+        self.tick = 0
 
     def reset(self, seed: int | None = None) -> None:
         """Put the virtual damping back to its start."""
-        self.B_hat = None
+        self.B_hat, self.tick = None, 0
 
     def initial_damping(self) -> Array:
         """Virtual damping (n_p, 3) at the start of an episode."""
@@ -74,10 +78,12 @@ class LawPolicy:
         rows = np.atleast_2d(np.asarray(obs, dtype=np.float64))
         if self.B_hat is None:
             self.B_hat = np.tile(self.initial_damping(), (len(rows), 1, 1))
+            self.factor = np.ones_like(self.B_hat)
         if len(self.B_hat) != len(rows):
             raise ValueError(f"observations of {len(self.B_hat)} environments expected, got {len(rows)}; call reset")
         actions = np.empty((len(rows), len(self.law.scale)))
-        act(self.law, rows, self.B_hat, actions)
+        act(self.law, self.tick, rows, self.B_hat, self.factor, actions)
+        self.tick += 1
         return actions.reshape(*np.shape(obs)[:-1], -1)
 
 
@@ -214,6 +220,7 @@ def make_law(
         layout=layout(observation_fields(model, prior)),
         suppression=make_suppression(prior, active=active, adaptive=adaptive, filtered=filtered),
         regulator=make_regulator(prior, model, reference, effort_weight),
+        schedule=make_schedule(prior),
         allocation=actuators.allocation,
         scale=actuators.limit,
     )

@@ -121,17 +121,10 @@ def regulate(law, allocation, obs, elastic, reference, volts):
 
     law: a :class:`Regulator`; allocation: (n_p, n_c, 3) volts for a wanted tip force.
     obs: the observation, whose tip displacements start at ``elastic``, the reference's velocity at ``reference``.
-
-    The path's acceleration turns with its velocity, as on a circle, which gives the rate of the quasi-static shape.
     """
     n_p, n_c, _ = allocation.shape
-    xd, yd, turn = obs[reference], obs[reference + 1], obs[reference + 2]
-    xdd, ydd = obs[reference + 3], obs[reference + 4]
-    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
     for i in range(n_p):
-        nx, ny = law.across[i, 0], law.across[i, 1]
-        push = nx * xdd + ny * ydd - turn * turn * law.lever[i]  # acceleration of the root across the panel
-        push_rate = spin * (ny * xdd - nx * ydd)
+        push, push_rate = root_acceleration(law, obs, reference, i)
         q, qd = elastic + N_TIP * i, elastic + N_TIP * (n_p + i)
         for k in range(N_TIP):
             tau = 0.0
@@ -140,6 +133,19 @@ def regulate(law, allocation, obs, elastic, reference, volts):
                 tau -= law.gain[k, N_TIP + j] * (obs[qd + j] - law.shape[j] * push_rate)
             for c in range(n_c):
                 volts[i * n_c + c] += allocation[i, c, k] * tau
+
+
+@kernel(inline=True)
+def root_acceleration(law, obs, reference, i):
+    """Acceleration of the root of panel ``i`` across it [m/s2] under the reference's motion, and its rate [m/s3].
+
+    The path's acceleration turns with its velocity, as on a circle, which gives the rate.
+    """
+    xd, yd, turn = obs[reference], obs[reference + 1], obs[reference + 2]
+    xdd, ydd = obs[reference + 3], obs[reference + 4]
+    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
+    nx, ny = law.across[i, 0], law.across[i, 1]
+    return nx * xdd + ny * ydd - turn * turn * law.lever[i], spin * (ny * xdd - nx * ydd)
 
 
 def _one_element(prior: Params) -> Beam:

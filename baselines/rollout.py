@@ -13,6 +13,7 @@ from baselines.policies import LawPolicy, OraclePolicy, Policy
 from sffr_gym.beam import Array
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import Episode
+from sffr_gym.geometry import tip_deflections
 from sffr_gym.model import n_positions
 from sffr_gym.observation import Field
 from sffr_gym.reference import Reference
@@ -32,6 +33,7 @@ class Trajectory:
         policy, scenario: names; seed: of the episode.
         period: control period [s].
         signals: (n_ticks, N_SIGNALS) see ``task.SIGNALS``.
+        tips: (n_ticks, n_p) each panel's transverse tip displacement at the periods' ends [m].
         t: (rows,) times of the recorded states [s].
         p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) see :class:`closed_loop.Record`.
         episode: what the scenario drew: plant, reference and all the rest.
@@ -44,6 +46,7 @@ class Trajectory:
     seed: int
     period: float
     signals: Array
+    tips: Array
     t: Array
     p: Array
     v: Array
@@ -88,10 +91,11 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
     else:
         done, failure = _run_stepwise(env, policy, obs, ticks, record, report)
     rows = (done - 1) // STRIDE + 1
-    kept = {name: getattr(record, name)[:rows] for name in Record._fields[2:]}
+    kept = {name: getattr(record, name)[:rows] for name in Record._fields[3:]}
     return Trajectory(
         policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.robot.period,
-        signals=record.signals[:done], t=np.linspace(0.0, (rows - 1) * STRIDE * env.robot.period, rows), **kept,
+        signals=record.signals[:done], tips=record.tips[:done],
+        t=np.linspace(0.0, (rows - 1) * STRIDE * env.robot.period, rows), **kept,
         episode=env.episode, fields=env.fields, failure=failure,
     )  # fmt: skip
 
@@ -110,13 +114,14 @@ def _run_compiled(
 ) -> tuple[int, str]:
     """The compiled closed loop, in pieces so that progress can be shown."""
     p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
+    factor = np.ones_like(B_hat)
     buffers = make_buffers(env.robot)
     done, outcome = 0, RUNNING
     while done < ticks and outcome == RUNNING:
         end = min(done + PIECE, ticks)
         reached, outcome = run(
             env.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, done, end, p, v, obs,
-            B_hat, record,
+            B_hat, factor, record,
         )  # fmt: skip
         progress(reached - done)
         done = reached
@@ -134,6 +139,7 @@ def _run_stepwise(
             record.B_hat[row] = np.nan  # not a law with a virtual damping
         obs, _, terminated, _, info = env.step(policy(obs))
         record.signals[tick] = [info[name] for name in SIGNALS]
+        record.tips[tick] = tip_deflections(env.robot.model, env.positions[None])[0]
         if keep:
             record.applied[row] = info["applied"]
             record.q_flex[row] = np.nan
@@ -150,8 +156,7 @@ def _make_record(env: SFFRFlexEnv, ticks: int) -> Record:
     robot, rows = env.robot, (ticks - 1) // STRIDE + 1
     n, n_p = n_positions(robot.model), len(robot.model.panel_root)
     return Record(
-        signals=np.zeros((ticks, N_SIGNALS)), stride=STRIDE, p=np.zeros((rows, n)), v=np.zeros((rows, n)),
-        obs=np.zeros((rows, len(robot.bound))), applied=np.zeros((rows, len(robot.scale))),
-        B_hat=np.zeros((rows, n_p, 3)), q_flex=np.zeros((rows, 3)),
-        lam=np.zeros((rows, len(robot.model.grasp_arm), 2)),
+        signals=np.zeros((ticks, N_SIGNALS)), tips=np.zeros((ticks, n_p)), stride=STRIDE, p=np.zeros((rows, n)),
+        v=np.zeros((rows, n)), obs=np.zeros((rows, len(robot.bound))), applied=np.zeros((rows, len(robot.scale))),
+        B_hat=np.zeros((rows, n_p, 3)), q_flex=np.zeros((rows, 3)), lam=np.zeros((rows, len(robot.model.grasp_arm), 2)),
     )  # fmt: skip

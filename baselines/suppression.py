@@ -13,6 +13,7 @@ import numpy as np
 
 from sffr_gym._jit import kernel
 from sffr_gym.beam import N_TIP, Array, beam
+from sffr_gym.lanes import where
 from sffr_gym.params import Params
 
 COORDINATES = ("q4", "q5", "q6")
@@ -88,18 +89,18 @@ def damped_coordinates(params: Params) -> tuple[str, ...]:
 
 
 @kernel(inline=True)
-def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
+def suppress(law, allocation, limit, obs, elastic, yaw_rate, factor, B_hat, volts):
     """Write the piezo voltages of all panels and adapt ``B_hat`` (n_p, 3) in place.
 
     allocation: (n_p, n_c, 3) volts for a wanted tip force; limit: (n_p n_c,) [V].
     obs: the observation, whose tip displacements start at ``elastic``; yaw_rate: of the base [rad/s].
+    factor: (n_p, 3) by which a schedule multiplies the virtual damping; 1 is the law alone.
 
     No adaptation while a channel of the panel saturates; B is never negative (sec. 4).
     """
     n_p, n_c, _ = allocation.shape
     for i in range(n_p):
         q, qd = elastic + N_TIP * i, elastic + N_TIP * (n_p + i)
-        saturated = False
         for c in range(n_c):
             volts[i * n_c + c] = 0.0
         for k in range(N_TIP):
@@ -109,20 +110,21 @@ def suppress(law, allocation, limit, obs, elastic, yaw_rate, B_hat, volts):
             for j in range(N_TIP):
                 Q_v += yaw_rate * yaw_rate * law.M_ff[k, j] * obs[q + j]
                 Q_v -= 2.0 * yaw_rate * law.gyroscopic[k, j] * obs[qd + j]
-            tau = -B_hat[i, k] * obs[qd + k] - Q_v
+            tau = -(factor[i, k] * B_hat[i, k]) * obs[qd + k] - Q_v
             for c in range(n_c):
                 volts[i * n_c + c] += allocation[i, c, k] * tau
+        excess = 0.0
         for c in range(n_c):
-            saturated |= abs(volts[i * n_c + c]) > limit[i * n_c + c]
-        if not saturated:
-            _adapt(law, obs, q, qd, B_hat[i])
+            excess = max(excess, abs(volts[i * n_c + c]) - limit[i * n_c + c])
+        _adapt(law, obs, q, qd, B_hat[i], excess > 0.0)
 
 
 @kernel(inline=True)
-def _adapt(law, obs, q, qd, B_hat):
-    """``dB/dt = Gamma K' M_f^-1 Y`` over one period, with the regressor K = diag(e_dot) of Eq. 24."""
+def _adapt(law, obs, q, qd, B_hat, saturated):
+    """``dB/dt = Gamma K' M_f^-1 Y`` over one period unless saturated, with the regressor K = diag(e_dot) of Eq. 24."""
     for k in range(N_TIP):
         Y = 0.0
         for j in range(N_TIP):
             Y -= law.M_inv[k, j] * (obs[qd + j] + law.psi * obs[q + j] if law.filtered > 0.0 else obs[q + j])
-        B_hat[k] = max(B_hat[k] - law.period * law.Gamma[k] * obs[qd + k] * Y, 0.0)
+        adapted = max(B_hat[k] - law.period * law.Gamma[k] * obs[qd + k] * Y, 0.0)
+        B_hat[k] = where(saturated, B_hat[k], adapted)

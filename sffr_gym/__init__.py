@@ -14,3 +14,8 @@ if "SFFRFlex-v0" not in gymnasium.registry:
         entry_point="sffr_gym.env:SFFRFlexEnv",
         vector_entry_point="sffr_gym.vector_env:SFFRFlexVectorEnv",
     )
+    gymnasium.register(  # one list of the project's ids; nothing of agents is imported before it is made
+        id="SFFRFlexDamping-v0",
+        entry_point="agents.residual_env:SFFRFlexDampingEnv",
+        vector_entry_point="agents.residual_env:SFFRFlexDampingVectorEnv",
+    )

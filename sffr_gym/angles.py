@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from math import cos, pi, sin
 
-import numpy as np
-
 from sffr_gym._jit import kernel
+from sffr_gym.lanes import any_lane, floor, where
 
 NEAR = 0.03  # rad; the first neglected terms of the series are below 2e-17
 
@@ -18,7 +17,7 @@ NEAR = 0.03  # rad; the first neglected terms of the series are below 2e-17
 @kernel(inline=True)
 def wrap(angle):
     """The same angle in [-pi, pi), up to rounding."""
-    return angle - 2.0 * pi * np.floor((angle + pi) / (2.0 * pi))
+    return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
 @kernel(inline=True)
@@ -27,10 +26,15 @@ def cos_sin_near(anchor, angle, anew):
 
     anchor: (3,) an angle, its cosine and its sine; moved to ``angle`` if that is far off, or if ``anew``.
     """
-    turn = angle - anchor[0]
-    if anew or not abs(turn) < NEAR:
+    if anew:
         anchor[0], anchor[1], anchor[2] = angle, cos(angle), sin(angle)
         return anchor[1], anchor[2]
+    turn = angle - anchor[0]
+    far = abs(turn) >= NEAR
+    if any_lane(far):
+        anchor[0] = where(far, angle, anchor[0])
+        anchor[1], anchor[2] = where(far, cos(angle), anchor[1]), where(far, sin(angle), anchor[2])
+        turn = angle - anchor[0]
     z = turn * turn
     s = turn * (1.0 - z * (1.0 / 6.0) * (1.0 - z * (1.0 / 20.0) * (1.0 - z * (1.0 / 42.0))))
     less = -0.5 * z * (1.0 - z * (1.0 / 12.0) * (1.0 - z * (1.0 / 30.0)))  # cos(turn) - 1

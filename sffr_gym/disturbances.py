@@ -70,7 +70,7 @@ def sense(robot, reference, sensing, tick, p, v, work, obs):
     p, v: (n,) state a control period ago; work: a :class:`dynamics.Work`, overwritten.
     """
     if sensing.delay > 0:
-        observe(robot, reference, desired(reference, tick * robot.period), p, v, work, obs, False)
+        observe(robot, reference, desired(reference, tick * robot.period), p, v, work, obs, True)
         for k in range(len(obs)):
             obs[k] = min(max(obs[k], -robot.bound[k]), robot.bound[k])
     if sensing.key > 0:

@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from sffr_gym import arms, panel
 from sffr_gym._jit import kernel
 from sffr_gym.angles import cos_sin_near
 from sffr_gym.beam import Array
 from sffr_gym.grasp import couple_object, solve_object
+from sffr_gym.lanes import ONE, zeros
 from sffr_gym.linalg import symmetric_inverse, times
 from sffr_gym.model import N_BASE, is_staggered
 
@@ -47,16 +46,17 @@ class Work(NamedTuple):
 
 
 @kernel(allocates=True)
-def workspace(model):
-    """Allocate the buffers of :func:`accelerations` for a robot."""
+def workspace(model, one=ONE):
+    """Allocate the buffers of :func:`accelerations` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
     n_l, n_a, n_g = len(model.link_mass), len(model.arm_mount), len(model.grasp_arm)
     n_p, n_m = model.omega2.shape
     return Work(
-        c=np.zeros(n_l), s=np.zeros(n_l), rate=np.zeros(n_l), joint=np.zeros((n_l, 6)), tip=np.zeros((n_a, 9)),
-        elastic=np.zeros((n_p, 2, n_m)), root=np.zeros((n_p, 8)), grasp=np.zeros((n_g, 15)),
-        base_inv=np.zeros((3, 3)), object_inv=np.zeros((3, 3)), cross=np.zeros((3, 3)),
-        acceleration=np.zeros(6), heading=np.zeros(2), column=np.zeros(3), held=np.zeros(3),
-        anchor=np.zeros((n_l + 2, 3)),
+        c=zeros(one, n_l), s=zeros(one, n_l), rate=zeros(one, n_l),
+        joint=zeros(one, (n_l, 6)), tip=zeros(one, (n_a, 9)),
+        elastic=zeros(one, (n_p, 2, n_m)), root=zeros(one, (n_p, 8)), grasp=zeros(one, (n_g, 15)),
+        base_inv=zeros(one, (3, 3)), object_inv=zeros(one, (3, 3)), cross=zeros(one, (3, 3)),
+        acceleration=zeros(one, 6), heading=zeros(one, 2), column=zeros(one, 3), held=zeros(one, 3),
+        anchor=zeros(one, (n_l + 2, 3)),
     )  # fmt: skip
 
 

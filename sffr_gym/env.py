@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,14 +16,16 @@ from sffr_gym.episode import Episode, draw, nominal
 from sffr_gym.fleet import make_fleet
 from sffr_gym.params import Params, load_params
 from sffr_gym.reference import Reference
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import Scenario, load_scenario
 from sffr_gym.simulator import Simulator, State
-from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
+from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, Robot, episode_robot, make_robot
+
+if TYPE_CHECKING:
+    from sffr_gym.film import Film
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
-
-_ONE = np.ones(1, dtype=np.bool_)
+ONE = np.ones(1, dtype=np.bool_)  # the single environment of its batch is active
 
 
 class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -100,13 +102,20 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     - ``scenario``: a shipped scenario's name or the path of a YAML file.
     - ``params``: a ``Params`` object, a path, or None for the case study; the robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
-    - ``render_mode``: None.
+    - ``render_mode``: None; ``rgb_array``, pictures of 600 x 600 pixels without any display; or ``human``, a window
+      that follows the simulation in real time at 25 pictures a second. Needs the extra ``render``.
+
+    ## Pictures
+    ``render()`` only reads: the same state gives the same pixels. The small plots show the last 20 s, which an
+    environment with a render mode keeps as a part of its state (:meth:`get_state`). ``metadata["render_fps"]`` is the
+    number of steps in a second, as Gymnasium's recorders expect; a video of every step plays in real time but has 500
+    pictures a second. ``sffr animate`` writes lighter ones.
 
     ## Version history
     - v0: first version.
     """
 
-    metadata = {"render_modes": [], "render_fps": 500}
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 500}
 
     def __init__(
         self,
@@ -120,6 +129,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         Raises:
             ConfigError: for parameters or a scenario that are not valid.
             ValueError: for an unknown render mode.
+            gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(
@@ -134,6 +144,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self.action_space, self.observation_space = make_spaces(self.robot)
         self._fleet, self._batch = make_fleet(self.robot), make_batch(self.robot, 1)
         self._episode: Episode | None = None
+        self.metadata = self.metadata | {"render_fps": round(1.0 / self.robot.period)}
+        self._film = make_film(render_mode, self.robot)
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -146,10 +158,11 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self.scenario = scenario_option(self.scenario, options)
-        episode = draw(self.scenario, self._nominal, self.np_random)
+        episode = draw(self._distribution(), self._nominal, self.np_random)
         self._take(episode)
-        start_episode(self._fleet, self._batch, 0, episode)
-        return self._batch.obs[0].copy(), self._info()
+        self._start(episode)
+        self._note()
+        return self._observed(), self._info()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action for one control period.
@@ -159,12 +172,35 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         ticks = self.ticks
-        action = check_action(action, self.robot.scale.shape)
+        action = check_action(action, self.action_space.shape)
         batch = self._batch
-        step_batch(self._fleet, batch, action[None], _ONE)
+        self._advance(action[None])
+        self._note()
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= ticks)
-        return batch.obs[0].copy(), float(batch.reward[0]), terminated, truncated, self._info()
+        return self._observed(), float(batch.reward[0]), terminated, truncated, self._info()
+
+    def render(self) -> np.ndarray | None:
+        """The picture (600, 600, 3) of the present state, uint8; with ``human`` it is shown, and None returned.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._film is None:
+            gym.logger.warn(
+                "render() shows nothing without a render_mode, such as gym.make(..., render_mode='rgb_array')"
+            )
+            return None
+        _ = self.episode
+        if self.render_mode == "human":
+            self._film.show(self._batch, always=True)
+            return None
+        return self._film.picture(self._batch, 0)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._film is not None:
+            self._film.close()
 
     @property
     def episode(self) -> Episode:
@@ -210,6 +246,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     def get_state(self) -> dict[str, Any]:
         """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
         kept = {"batch": self._batch, "rng": self.np_random, "scenario": self.scenario, "episode": self._episode}
+        kept["trace"] = None if self._film is None else self._film.trace(0)
         return copy.deepcopy(kept)
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -218,6 +255,24 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._batch, self.np_random, self.scenario = state["batch"], state["rng"], state["scenario"]
         if state["episode"] is not None:
             self._take(state["episode"])
+        if self._film is not None and state["trace"] is not None:
+            self._film.restore(0, state["trace"])
+
+    def _distribution(self) -> Scenario:
+        """What episodes are drawn from."""
+        return self.scenario
+
+    def _start(self, episode: Episode) -> None:
+        """Put the plant at the start of an episode."""
+        start_episode(self._fleet, self._batch, 0, episode)
+
+    def _advance(self, actions: Array) -> None:
+        """Hold an action (1, n_u)."""
+        step_batch(self._fleet, self._batch, actions, ONE)
+
+    def _observed(self) -> Array:
+        """A copy of what an agent sees now."""
+        return self._batch.obs[0].copy()
 
     def _take(self, episode: Episode) -> None:
         """Make an episode and its plant this one's."""
@@ -225,6 +280,15 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         robot = episode_robot(self._believed, episode)
         if robot is not self.robot:  # packing one takes as long as all the rest of a reset
             self.robot, self._fleet = robot, make_fleet(robot)
+        if self._film is not None:
+            self._film.start(0, episode, self.scenario.name)
+
+    def _note(self) -> None:
+        """Keep what later pictures show, and show the present one if there is a window."""
+        if self._film is not None:
+            self._film.note(self._batch, [0])
+            if self.render_mode == "human":
+                self._film.show(self._batch)
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
@@ -242,6 +306,19 @@ def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -
     return resolved.with_overrides(*overrides)
 
 
+def make_film(render_mode: str | None, robot: Robot, count: int = 1) -> Film | None:
+    """What draws environments in a render mode; raises gymnasium.error.DependencyNotInstalled without Pillow."""
+    if render_mode is None:
+        return None
+    try:
+        from sffr_gym.film import Film
+    except ModuleNotFoundError as error:
+        if error.name != "PIL":
+            raise
+        raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
+    return Film(robot.period, len(robot.model.panel_root), count)
+
+
 def make_spaces(robot: Any) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Action and observation space of one environment."""
     action = gym.spaces.Box(-1.0, 1.0, (len(robot.actuators.limit),), np.float32)
@@ -256,7 +333,7 @@ def scenario_option(scenario: Any, options: Mapping[str, Any] | None) -> Any:
     return load_scenario(options["scenario"]) if options and "scenario" in options else scenario
 
 
-def check_action(action: Any, shape: tuple[int, ...]) -> Array:
+def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
     """An action as float64; raises ValueError for a wrong shape or NaN."""
     array = np.asarray(action, dtype=np.float64)
     if array.shape != shape:

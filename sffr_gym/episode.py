@@ -1,9 +1,9 @@
 """Episodes: one draw of a scenario, with its plant, start, reference, sensors, faults and impulses.
 
-All random numbers come from one generator, in this order, each only if the scenario draws it: path speed; factors of
-object, EI, panel mass and the links one by one; each panel's modes (amplitude, phase); offset (distance, direction,
-angle); fault, and the panel that it hits; impulse by impulse its time, size, direction and moment; delay; the seed of
-the noise.
+All random numbers come from one generator, in this order, each only if the scenario draws it: path speed; phase;
+factors of object, EI, panel mass and the links one by one; each panel's modes (amplitude, phase); offset (distance,
+direction, angle); fault, and the panel that it hits; impulse by impulse its time, size, direction and moment; delay;
+the seed of the noise.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sffr_gym.kinematics import perpendicular, rotation
 from sffr_gym.model import N_BASE, Model, mode_slice, object_slice, pack
 from sffr_gym.observation import Field, observation_fields
 from sffr_gym.params import ConfigError, Params
-from sffr_gym.reference import Reference, circle_reference
+from sffr_gym.reference import Reference, circle_reference, desired
 from sffr_gym.scenario import ImpulseDraws, PlantFactors, Scenario, Sensors
 from sffr_gym.sections import Arm, Panel
 
@@ -108,15 +108,18 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     """
     drawn: Drawn = {}
     prior = _draw_speed(scenario, known.params, rng, drawn)
+    phase = _draw_phase(scenario, rng, drawn)
     plant = _draw_plant(scenario, prior, rng, drawn)
     model, p, v = known.model, known.p.copy(), known.v.copy()
     if plant is not prior:
         model = pack(plant)
         p, v = initial_positions(plant, model)
-    reference = circle_reference(prior, model, p)
-    _keep_up(prior.path.speed - known.params.path.speed, reference, model, p, v)
+    reference = circle_reference(prior, model, p, phase=phase)
+    _keep_up(known.params.path.speed, prior.path.speed, reference, model, p, v)
     if scenario.panel_modes:
         _excite(scenario, model, p, v, rng, drawn)
+    if scenario.random_phase:
+        _bend(reference, model, p, v)
     _offset(scenario, model, p, v, rng, drawn)
     ticks = scenario.ticks(prior)
     health = _draw_fault(scenario, len(model.panel_root), rng, drawn)
@@ -188,13 +191,25 @@ def _draw_arm(arm: Arm, interval: tuple[float, float], rng: np.random.Generator,
     return arm.model_copy(update={"links": tuple(links)})
 
 
-def _keep_up(faster: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
-    """Start robot and object as one so much faster along the path [m/s], in place."""
-    if faster == 0.0:
+def _draw_phase(scenario: Scenario, rng: np.random.Generator, drawn: Drawn) -> float:
+    """Angle on the circle at the start [rad]."""
+    if not scenario.random_phase:
+        return 0.0
+    drawn["path_phase_rad"] = phase = rng.uniform(0.0, 2.0 * np.pi)
+    return phase
+
+
+def _keep_up(before: float, after: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
+    """Turn the configured velocity along x into the drawn one along the path for robot and object as one, in place.
+
+    before, after: the speeds [m/s].
+    """
+    if before == after and reference.phase == 0.0:
         return
-    turn = reference.turning * faster / reference.radius
+    turn = reference.turning * (after - before) / reference.radius
     from_object = np.array([reference.base_x, reference.base_y])
-    v[:2] += faster * np.array([np.cos(reference.phase), np.sin(reference.phase)]) + turn * perpendicular(from_object)
+    faster = after * np.array([np.cos(reference.phase), np.sin(reference.phase)]) - np.array([before, 0.0])
+    v[:2] += faster + turn * perpendicular(from_object)
     v[2] += turn
     if model.object_mass > 0:
         match_velocities(model, p, v)
@@ -219,6 +234,24 @@ def _excite(scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random
             drawn[f"panel{panel}_mode{excited.mode}_tip_m"] = tip
             drawn[f"panel{panel}_mode{excited.mode}_phase_rad"] = phase
     p[at], v[at] = amplitudes.ravel(), rates.ravel()
+
+
+def _bend(reference: Reference, model: Model, p: Array, v: Array) -> None:
+    """Add to every panel its quasi-static shape under the path's acceleration, and the rate of it, in place."""
+    want, at, shape = desired(reference, 0.0), mode_slice(model), model.omega2.shape
+    turn = rotation(p[2])
+    from_object = np.array([reference.base_x, reference.base_y])
+    acceleration = np.array([want.xdd, want.ydd])
+    amplitudes, rates = p[at].reshape(shape), v[at].reshape(shape)
+    for panel in range(shape[0]):
+        across = turn @ perpendicular(model.panel_axis[panel])
+        root = from_object + turn @ model.panel_root[panel]
+        push = across @ (acceleration - want.turn**2 * root)
+        push_rate = across @ perpendicular(acceleration) * (reference.rate - want.turn)
+        bending = slice(model.n_axial, None)
+        compliance = model.translation[panel, bending] / model.omega2[panel, bending]
+        amplitudes[panel, bending] -= compliance * push
+        rates[panel, bending] -= compliance * push_rate
 
 
 def _offset(scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random.Generator, drawn: Drawn) -> None:

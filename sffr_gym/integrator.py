@@ -12,11 +12,10 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from sffr_gym._jit import assign, kernel
 from sffr_gym.beam import Array
 from sffr_gym.dynamics import Work, accelerations, flexible_wrench, stiff_response, workspace
+from sffr_gym.lanes import ONE, any_lane, where, zeros
 from sffr_gym.model import is_staggered, n_positions
 
 ETDRK4, RK4 = 0, 1
@@ -45,14 +44,14 @@ class StepWork(NamedTuple):
 
 
 @kernel(allocates=True)
-def step_workspace(model):
-    """Allocate the buffers of :func:`advance` for a robot."""
+def step_workspace(model, one=ONE):
+    """Allocate the buffers of :func:`advance` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
     n, n_s = n_positions(model), len(model.stiff)
     return StepWork(
-        dynamics=workspace(model), p=np.zeros((4, n)), v=np.zeros((4, n)), a=np.zeros((4, n)),
-        W=np.zeros((n_s, n)), R=np.zeros((n_s, n)), K=np.zeros((n_s, n_s)), V=np.zeros((n_s, n_s)),
-        mode=np.zeros((n_s, 6)), z=np.zeros((4, 2, n_s)), g=np.zeros((4, n_s)),
-        q_flex=np.zeros(3), lam=np.zeros((len(model.grasp_arm), 2)),
+        dynamics=workspace(model, one), p=zeros(one, (4, n)), v=zeros(one, (4, n)), a=zeros(one, (4, n)),
+        W=zeros(one, (n_s, n)), R=zeros(one, (n_s, n)), K=zeros(one, (n_s, n_s)), V=zeros(one, (n_s, n_s)),
+        mode=zeros(one, (n_s, 6)), z=zeros(one, (4, 2, n_s)), g=zeros(one, (4, n_s)),
+        q_flex=zeros(one, 3), lam=zeros(one, (len(model.grasp_arm), 2)),
     )  # fmt: skip
 
 
@@ -179,13 +178,11 @@ def _transition(mu2, damping, duration, mode):
     discriminant = mu2 - sigma * sigma
     rate = sqrt(abs(discriminant))
     decay = exp(-sigma * duration)
-    if discriminant > 0.0:
-        c, s = decay * cos(rate * duration), decay * sin(rate * duration) / rate
-    elif discriminant < 0.0:  # an overdamped mode: exponents together, so that neither overflows
+    c, s = decay * cos(rate * duration), where(rate > 0.0, decay * sin(rate * duration) / rate, decay * duration)
+    over = discriminant < 0.0
+    if any_lane(over):  # an overdamped mode: exponents together, so that neither overflows
         slow, fast = exp((rate - sigma) * duration), exp(-(rate + sigma) * duration)
-        c, s = 0.5 * (slow + fast), 0.5 * (slow - fast) / rate
-    else:
-        c, s = decay, decay * duration
+        c, s = where(over, 0.5 * (slow + fast), c), where(over, 0.5 * (slow - fast) / rate, s)
     mode[0], mode[1] = mu2, damping
     mode[2], mode[3], mode[4], mode[5] = c + sigma * s, s, -mu2 * s, c - sigma * s
 
@@ -269,20 +266,23 @@ def _jacobi(A, V, threshold):
         rotated = False
         for i in range(n - 1):
             for j in range(i + 1, n):
-                if abs(A[i, j]) > threshold:
-                    _rotate(A, V, i, j)
+                coupled = abs(A[i, j]) > threshold
+                if any_lane(coupled):
+                    _rotate(A, V, i, j, coupled)
                     rotated = True
         if not rotated:
             return
 
 
 @kernel(inline=True)
-def _rotate(A, V, i, j):
-    """One Jacobi rotation that makes ``A[i, j]`` zero (Golub and Van Loan, Matrix Computations, sec. 8.5)."""
+def _rotate(A, V, i, j, coupled):
+    """One Jacobi rotation that makes ``A[i, j]`` zero (Golub and Van Loan, Matrix Computations, sec. 8.5).
+
+    coupled: where this is false nothing turns.
+    """
     ratio = 0.5 * (A[j, j] - A[i, i]) / A[i, j]
     t = 1.0 / (abs(ratio) + sqrt(ratio * ratio + 1.0))
-    if ratio < 0.0:
-        t = -t
+    t = where(coupled, where(ratio < 0.0, -t, t), 0.0)
     c = 1.0 / sqrt(t * t + 1.0)
     s = t * c
     for k in range(len(A)):

@@ -90,8 +90,9 @@ class Scenario(Section):
 
     ``offset_position`` and ``offset_angle`` are the largest shift of robot and object as one from the path, uniform
     over a disc and an interval. ``panel_modes`` replaces the configured elastic state by free vibration of any phase.
-    With a drawn ``speed`` the robot starts as fast as the path. ``plant`` and ``faults`` change the plant alone: the
-    controllers go on with the parameters of the case study.
+    With a drawn ``speed`` the robot starts as fast as the path. ``random_phase`` starts anywhere on it, and adds the
+    shape that the path's acceleration gives a panel there, so that what is drawn is the motion about it. ``plant`` and
+    ``faults`` change the plant alone: the controllers go on with the parameters of the case study.
     """
 
     name: str = Field(description="name of the scenario")
@@ -101,6 +102,7 @@ class Scenario(Section):
     offset_position: float = Field(default=0.0, ge=0.0, le=1.0, description="largest shift off the path [m]")
     offset_angle: float = Field(default=0.0, ge=0.0, le=1.0, description="largest turn off the path [rad]")
     speed: Speed | None = Field(default=None, description="speed along the path [m/s]")
+    random_phase: bool = Field(default=False, description="start anywhere on the circle")
     plant: PlantFactors = Field(default=PlantFactors(), description="what the controllers are wrong about")
     sensors: Sensors = Field(default=Sensors(), description="errors of the observation")
     faults: tuple[Fault, ...] = Field(default=(), description="faults, of which each episode has one")

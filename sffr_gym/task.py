@@ -5,7 +5,7 @@ Pure functions of the state; one source for the single environment, the batch an
 
 from __future__ import annotations
 
-from math import cos, hypot, isfinite, sin, sqrt
+from math import cos, isfinite, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from sffr_gym.angles import wrap
 from sffr_gym.beam import Array
 from sffr_gym.episode import Episode
 from sffr_gym.integrator import INTEGRATORS, StepWork, advance, step_workspace
+from sffr_gym.lanes import ONE, any_lane, where, zeros
 from sffr_gym.model import N_BASE, IntArray, Model, n_positions, pack, steps_in
 from sffr_gym.observation import held_joints, observation_fields, observe
 from sffr_gym.params import Params
@@ -42,8 +43,8 @@ N_SIGNALS = len(SIGNALS)
     N_SIGNALS
 )
 
-# Why an episode ends before its time; the text of each in REASONS.
-RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE = range(6)
+# Why an episode ends before its time, a float since lanes hold nothing else; the text of each in REASONS.
+RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE = map(float, range(6))
 REASONS = {
     RUNNING: "",
     TIP_RANGE: "panel tip beyond the model's range",
@@ -89,8 +90,11 @@ class Buffers(NamedTuple):
     tau: Array  # (n,) generalised forces
     applied: Array  # (n_u,) command after the limits
     q_flex: Array  # (3,) quasi-static wrench of the panels
+    energy: Array  # (n_p,) each panel's share of the signal `vibration` [J]
     p: Array  # (n,) state before the period
     v: Array
+    obs: Array  # (n_o,) what was observed and measured before it, kept only where it goes on in another lane
+    signals: Array
 
 
 def make_robot(params: Params) -> Robot:
@@ -135,10 +139,13 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
 
 
 @kernel(allocates=True)
-def make_buffers(robot):
-    """Allocate the buffers of :func:`control_period`."""
-    n, n_u = n_positions(robot.model), len(robot.actuators.limit)
-    return Buffers(step_workspace(robot.model), np.zeros(n), np.zeros(n_u), np.zeros(3), np.zeros(n), np.zeros(n))
+def make_buffers(robot, one=ONE):
+    """Allocate the buffers of :func:`control_period` for a robot, or for robots in lanes; see :func:`lanes.zeros`."""
+    n, n_u, n_p = n_positions(robot.model), len(robot.actuators.limit), len(robot.model.panel_root)
+    return Buffers(
+        step_workspace(robot.model, one), zeros(one, n), zeros(one, n_u), zeros(one, 3), zeros(one, n_p), zeros(one, n),
+        zeros(one, n), zeros(one, len(robot.bound)), zeros(one, N_SIGNALS),
+    )  # fmt: skip
 
 
 @kernel(inline=True)
@@ -160,16 +167,27 @@ def control_period(robot, reference, t_end, p, v, command, wrench, buffers, obs,
     for k in range(N_BASE):
         buffers.tau[k] += wrench[k]
     advance(robot.model, p, v, buffers.tau, robot.period, robot.steps, robot.integrator, buffers.step)
+    lost = 0.0
     for k in range(len(p)):
-        if not (isfinite(p[k]) and isfinite(v[k])):
-            assign(p, buffers.p)
-            assign(v, buffers.v)
-            return NOT_FINITE
+        lost = where(isfinite(p[k]) & isfinite(v[k]), lost, 1.0)
+    if any_lane(lost > 0.0):
+        for k in range(len(p)):
+            p[k], v[k] = where(lost > 0.0, buffers.p[k], p[k]), where(lost > 0.0, buffers.v[k], v[k])
+        if not any_lane(lost == 0.0):
+            return where(lost > 0.0, NOT_FINITE, RUNNING)
+        assign(buffers.obs, obs)
+        assign(buffers.signals, signals)
     want = desired(reference, t_end)
     observe(robot, reference, want, p, v, buffers.step.dynamics, obs, False)
     _measure_state(robot, reference, want, p, v, buffers, signals)
     _measure_effort(robot, buffers, signals)
-    return _status(robot, p, v, obs, buffers)
+    status = _status(robot, p, v, obs, buffers)
+    if any_lane(lost > 0.0):
+        for k in range(len(obs)):
+            obs[k] = where(lost > 0.0, buffers.obs[k], obs[k])
+        for k in range(len(signals)):
+            signals[k] = where(lost > 0.0, buffers.signals[k], signals[k])
+    return where(lost > 0.0, NOT_FINITE, status)
 
 
 @kernel(inline=True)
@@ -184,8 +202,8 @@ def reward_terms(robot, signals, terms):
 @kernel(inline=True)
 def period_cost(signals, status):
     """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0."""
-    saturated = signals[SAT_PIEZO] > 0.0 or signals[SAT_THRUST] > 0.0 or signals[SAT_JOINT] > 0.0
-    return 1.0 if saturated or status != RUNNING else 0.0
+    saturated = (signals[SAT_PIEZO] > 0.0) | (signals[SAT_THRUST] > 0.0) | (signals[SAT_JOINT] > 0.0)
+    return where(saturated | (status != RUNNING), 1.0, 0.0)
 
 
 @kernel(inline=True)
@@ -194,21 +212,18 @@ def _status(robot, p, v, obs, buffers):
     model, work = robot.model, buffers.step.dynamics
     outcome = RUNNING
     for k in range(len(obs)):
-        if abs(obs[k]) > robot.bound[k]:
-            outcome = OUT_OF_RANGE
-            obs[k] = robot.bound[k] if obs[k] > 0.0 else -robot.bound[k]
-    n_m, start = model.omega2.shape[1], N_BASE + len(model.link_mass)
-    for i in range(model.omega2.shape[0]):
-        if _tip(robot, i, p, start + i * n_m) > robot.limit[0]:
-            return TIP_RANGE
+        beyond = abs(obs[k]) > robot.bound[k]
+        outcome = where(beyond, OUT_OF_RANGE, outcome)
+        obs[k] = where(beyond, where(obs[k] > 0.0, robot.bound[k], -robot.bound[k]), obs[k])
     cp = sp = 0.0
     if model.object_mass > 0.0:
         cp, sp = cos(p[len(p) - 1]), sin(p[len(p) - 1])
-    for g in range(len(model.grasp_arm)):
-        if _elbow(model, model.grasp_arm[g], work) < robot.limit[1]:
-            return ARM_SINGULAR
-        if _gap(model, g, p, v, cp, sp, work) > robot.limit[2]:
-            return GRASP_LOST
+    for g in range(len(model.grasp_arm) - 1, -1, -1):
+        outcome = where(_gap(model, g, p, v, cp, sp, work) > robot.limit[2], GRASP_LOST, outcome)
+        outcome = where(_elbow(model, model.grasp_arm[g], work) < robot.limit[1], ARM_SINGULAR, outcome)
+    n_m, start = model.omega2.shape[1], N_BASE + len(model.link_mass)
+    for i in range(model.omega2.shape[0]):
+        outcome = where(_tip(robot, i, p, start + i * n_m) > robot.limit[0], TIP_RANGE, outcome)
     return outcome
 
 
@@ -227,12 +242,12 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
     model = robot.model
     if model.object_mass > 0.0:
         o = len(p) - 3
-        signals[ERROR] = hypot(want.x - p[o], want.y - p[o + 1])
+        signals[ERROR] = _length(want.x - p[o], want.y - p[o + 1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.phi - p[o + 2]))
     else:
-        signals[ERROR] = hypot(want.x - p[0], want.y - p[1])
+        signals[ERROR] = _length(want.x - p[0], want.y - p[1])
         signals[ATTITUDE] = abs(wrap(want.heading + reference.yaw - p[2]))
-    energy = tip = 0.0
+    signals[VIBRATION] = tip = 0.0
     fx = fy = moment = 0.0
     ch, sh, turn2 = cos(want.heading), sin(want.heading), want.turn * want.turn
     bx, by = ch * reference.base_x - sh * reference.base_y, sh * reference.base_x + ch * reference.base_y
@@ -249,11 +264,14 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         across = c * ay - s * ax
         at = start + i * n_m
         first_x, first_y = model.panel_inertia[i, 1], 0.0
+        energy = 0.0
         for m in range(model.n_axial, n_m):
             shape = -model.translation[i, m] * across / model.omega2[i, m]  # quasi-static amplitude
             first_y += model.translation[i, m] * shape
             deflection = p[at + m] - shape
             energy += 0.5 * (v[at + m] * v[at + m] + model.omega2[i, m] * deflection * deflection)
+        buffers.energy[i] = energy
+        signals[VIBRATION] += energy
         tip = max(tip, _tip(robot, i, p, at))
         first_x, first_y = c * first_x - s * first_y, s * first_x + c * first_y
         mass = model.panel_inertia[i, 0]
@@ -261,7 +279,6 @@ def _measure_state(robot, reference, want, p, v, buffers, signals):
         fx -= gx
         fy -= gy
         moment -= rx * gy - ry * gx + first_x * ay - first_y * ax
-    signals[VIBRATION] = energy
     signals[TIP] = tip
     buffers.q_flex[0], buffers.q_flex[1], buffers.q_flex[2] = fx, fy, moment
 
@@ -272,12 +289,12 @@ def _measure_effort(robot, buffers, signals):
     applied, limit, q_flex = buffers.applied, robot.actuators.limit, buffers.step.q_flex
     n_l = len(robot.model.link_mass)
     n_v = len(applied) - n_l - N_BASE
-    signals[FORCE] = hypot(q_flex[0] - buffers.q_flex[0], q_flex[1] - buffers.q_flex[1])
+    signals[FORCE] = _length(q_flex[0] - buffers.q_flex[0], q_flex[1] - buffers.q_flex[1])
     signals[MOMENT] = abs(q_flex[2] - buffers.q_flex[2])
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(len(applied)):
-        beyond = 1.0 if abs(applied[k]) >= limit[k] > 0.0 else 0.0  # a dead actuator does not saturate
+        beyond = where(abs(applied[k]) >= limit[k], 1.0, 0.0) if limit[k] > 0.0 else 0.0  # not the dead ones
         if k < n_v:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += beyond / n_v
@@ -288,6 +305,11 @@ def _measure_effort(robot, buffers, signals):
         else:
             signals[JOINT] += applied[k] * applied[k]
             signals[SAT_JOINT] += beyond / n_l
+
+
+@kernel(inline=True)
+def _length(x, y):
+    return sqrt(x * x + y * y)
 
 
 @kernel(inline=True)

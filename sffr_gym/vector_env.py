@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,14 +15,15 @@ from gymnasium.vector.utils import batch_space
 
 from sffr_gym.batch import make_batch, start_episode, step_batch
 from sffr_gym.beam import Array
-from sffr_gym.env import ParamsLike, SFFRFlexEnv, check_action, make_spaces, resolve_params, scenario_option
-from sffr_gym.episode import draw, nominal
+from sffr_gym.env import ParamsLike, check_action, make_film, make_spaces, resolve_params, scenario_option
+from sffr_gym.episode import Episode, draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import Scenario, load_scenario
 from sffr_gym.task import REASONS, REWARDS, RUNNING, SIGNALS, episode_robot, make_robot
 
 Mask = np.ndarray
 Infos = dict[str, Any]
+STATE = ("scenario", "_fleet", "_batch", "_rngs", "_drawn", "_ticks", "_done", "_seeded")
 
 
 class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -33,7 +35,8 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Args:
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over.
-        scenario, params, overrides, render_mode: as for the single environment.
+        scenario, params, overrides: as for the single environment.
+        render_mode: None or ``rgb_array``, see :meth:`render`.
         autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
             (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
             episode; ``infos["final_obs"]`` and ``infos["final_info"]`` have the last ones) or ``DISABLED`` (call
@@ -58,15 +61,15 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ConfigError: for parameters or a scenario that are not valid.
             ValueError: for a number of environments below 1, an unknown autoreset or render mode.
+            gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None, got {render_mode!r}")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = SFFRFlexEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self.params = resolve_params(params, overrides)
         self.scenario = load_scenario(scenario)
         self.robot = make_robot(self.params)
@@ -83,6 +86,12 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._seeded = False
         self._all = np.ones(num_envs, dtype=np.bool_)
+        self._film = make_film(render_mode, self.robot, num_envs)
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": round(1.0 / self.robot.period),
+            "autoreset_mode": self.autoreset_mode,
+        }
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -99,7 +108,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.scenario = scenario_option(self.scenario, options)
         self._seed(seed, mask)
         self._restart(mask)
-        return self._batch.obs.copy(), self._infos(mask)
+        return self._observed(), self._infos(mask)
 
     def step(self, actions: Any) -> tuple[Array, Array, Mask, Mask, Infos]:
         """Hold one action (n, 15) for each environment for one control period.
@@ -110,18 +119,20 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._ticks.all():
             raise gym.error.ResetNeeded("call reset for every environment before step")
-        actions = check_action(actions, (self.num_envs, *self.robot.scale.shape))
+        actions = check_action(actions, self.action_space.shape)
         again = self._done & (self.autoreset_mode == AutoresetMode.NEXT_STEP)
         if (self._done & ~again).any():
             finished = np.flatnonzero(self._done).tolist()
             raise gym.error.ResetNeeded(f"environments {finished} are done: reset them with options['reset_mask']")
-        step_batch(self._fleet, self._batch, actions, ~again)
+        self._advance(actions, ~again)
+        if self._film is not None:
+            self._film.note(self._batch, range(self.num_envs))
         if again.any():
             self._restart(again)
         terminated = self._batch.status != RUNNING
         truncated = self._batch.tick >= self._ticks
         infos = self._infos(self._all)
-        obs, reward = self._batch.obs.copy(), self._batch.reward.copy()
+        obs, reward = self._observed(), self._batch.reward.copy()
         self._done = terminated | truncated
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             last, final = self._done.copy(), infos
@@ -133,20 +144,62 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 "final_info": _masked(final, last),
                 "_final_info": last.copy(),
             }
-            obs = self._batch.obs.copy()
+            obs = self._observed()
         return obs, reward, terminated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The picture (600, 600, 3) of each environment, uint8, as :meth:`SFFRFlexEnv.render` draws it.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if self._film is None:
+            gym.logger.warn("render() shows nothing without render_mode='rgb_array'")
+            return None
+        if not self._ticks.all():
+            raise gym.error.ResetNeeded("call reset for every environment before render")
+        return tuple(self._film.picture(self._batch, i) for i in range(self.num_envs))
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
+        return copy.deepcopy({name: getattr(self, name) for name in STATE})
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        for name in STATE:
+            setattr(self, name, copy.deepcopy(state[name]))
+
+    def _distribution(self) -> Scenario:
+        """What episodes are drawn from."""
+        return self.scenario
+
+    def _start(self, i: int, episode: Episode) -> None:
+        """Put environment ``i`` at the start of an episode."""
+        start_episode(self._fleet, self._batch, i, episode)
+
+    def _advance(self, actions: Array, active: Mask) -> None:
+        """Hold the actions (n, n_u) in the active environments."""
+        step_batch(self._fleet, self._batch, actions, active)
+
+    def _observed(self) -> Array:
+        """A copy of what agents see now."""
+        return self._batch.obs.copy()
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""
         for _, has in self._drawn.values():
             has[mask] = False
-        if self.scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
+        scenario = self._distribution()
+        if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.robot, self.num_envs)  # until here all were alike
         for i in np.flatnonzero(mask):
-            episode = draw(self.scenario, self._nominal, self._rngs[i])
+            episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
                 put_robot(self._fleet, int(i), episode_robot(self.robot, episode))
-            start_episode(self._fleet, self._batch, int(i), episode)
+            self._start(int(i), episode)
+            if self._film is not None:
+                self._film.start(int(i), episode, self.scenario.name, f"environment {i}")
+                self._film.note(self._batch, [int(i)])
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True

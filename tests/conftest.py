@@ -1,8 +1,12 @@
-"""What all tests share: floating-point faults raise, and scenarios of their own are written in one place."""
+"""What all tests share: floating-point faults raise, windows open nowhere, and users' scenarios are written here."""
+
+import os
 
 import numpy as np
 import pytest
 import yaml
+
+os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
 
 
 @pytest.fixture(autouse=True)

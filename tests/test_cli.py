@@ -45,7 +45,12 @@ def run(scenario, tmp_path_factory):
 
 def test_run_folder_has_the_promised_files(run):
     folder, result = run
-    assert sorted(file.name for file in folder.iterdir()) == ["episodes.csv", "manifest.json", "summary.json"]
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "episodes.csv",
+        "manifest.json",
+        "recordings",
+        "summary.json",
+    ]
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 2, 1_000_000)
     assert list(summary["policies"]) == ["none", "ahsc"]
@@ -120,7 +125,12 @@ def test_no_figures_without_matplotlib_but_a_result(scenario, tmp_path, monkeypa
     done = sffr("evaluate", "none", "-s", scenario, "-o", tmp_path)
     assert done.exit_code == 0
     assert "pip install 'sffr-gym[plot]'" in done.stderr
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["episodes.csv", "manifest.json", "summary.json"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "episodes.csv",
+        "manifest.json",
+        "recordings",
+        "summary.json",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from sffr_gym.model import mode_slice
 from sffr_gym.params import load_params
 from sffr_gym.scenario import scenario_names
 from sffr_gym.simulator import Simulator
-from sffr_gym.task import SIGNALS, VIBRATION
+from sffr_gym.task import SIGNALS, TIP, VIBRATION
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 
 LAWS = ["none", "hsc", "ahsc", "ahsc-filtered"]
@@ -117,6 +117,8 @@ def test_rollout_through_the_interface_records_the_same(short):
     stepped = rollout(env, Interface(make_policy("ahsc", env)), 5, progress=done.append)
     for name in ("signals", "t", "p", "v", "obs", "applied"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(stepped, name))
+    np.testing.assert_allclose(compiled.tips, stepped.tips, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(np.abs(compiled.tips).max(axis=1), compiled.signals[:, TIP])
     for name in ("policy", "scenario", "seed", "period", "failure", "drawn"):
         assert getattr(compiled, name) == getattr(stepped, name)
     assert np.isnan(stepped.B_hat).all() and not np.isnan(compiled.B_hat).any()

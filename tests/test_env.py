@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import warnings
+from importlib.util import find_spec
 
 import gymnasium as gym
 import numba
@@ -56,17 +57,18 @@ def assert_healthy(env, outputs):
         assert env.observation_space.contains(obs)
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("made", [True, False])
 def test_gymnasium_checker_is_silent(scenario, made):
     """Gymnasium's checker finds nothing and warns of nothing, registered or bare."""
     env = gym.make(ID, scenario=scenario).unwrapped if made else SFFRFlexEnv(scenario)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(env, skip_render_check=not made)  # it asks for a spec before it tries render modes
+        # It asks for a spec before it tries render modes, a window among them.
+        check_env(env, skip_render_check=not made or find_spec("pygame") is None)
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 @pytest.mark.parametrize("made", [True, False])
 def test_stable_baselines3_checker_is_silent(scenario, made):
     """The checker of Stable-Baselines3 finds nothing and warns of nothing, registered or bare."""
@@ -101,7 +103,7 @@ def test_spec_survives_json():
     assert_same(env.reset(seed=5), again.reset(seed=5))
 
 
-@pytest.mark.parametrize("scenario", ["nominal", "excited", "offset"])
+@pytest.mark.parametrize("scenario", scenario_names())
 def test_seeded_rollouts_are_identical(scenario):
     """Two environments with one seed and the same actions return the same bits; numpy's global state is not touched."""
     before = pickle.dumps(np.random.get_state())  # noqa: NPY002 (it must not be used)

@@ -111,6 +111,28 @@ def test_a_turning_robot_keeps_up_with_a_faster_path(params):
     np.testing.assert_allclose(episode.v[-3:], [0.6, 0.0, rate], rtol=0, atol=1e-12)
 
 
+def test_random_phase_starts_on_the_path_with_the_panels_bent_by_it(params):
+    """Robot and object fly along the circle where they start; the panels have the shape of the path's acceleration."""
+    still = params.with_overrides("initial.qfd=[0, 0, 0]")
+    phases = []
+    for episode in episodes(still, user(random_phase=True)):
+        phase, model = episode.drawn["path_phase_rad"], pack(still)
+        phases.append(phase)
+        assert episode.reference.phase == phase
+        state = Simulator(still).unflatten(0.0, episode.p, episode.v)
+        along = 0.85 * np.array([math.cos(phase), math.sin(phase)])
+        np.testing.assert_allclose(state.qd[:2], along, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(state.objd, [*along, 0.0], rtol=0, atol=1e-12)
+        push = (
+            -(0.85**2) / 15.0 * math.sin(phase)
+        )  # along x, which is across both panels, against the left one's y axis
+        compliance = model.translation[0] / model.omega2[0]
+        compliance[: model.n_axial] = 0.0
+        shape = model.shapes[0] @ compliance
+        np.testing.assert_allclose(state.qf, [push * shape, -push * shape], rtol=0, atol=1e-12)
+    assert spread(phases, 0.0, 2.0 * math.pi)
+
+
 def test_payload_scales_mass_and_inertia_of_the_object_together(params):
     """The object is up to twenty times as heavy; nothing else of the plant changes."""
     found = episodes(params, "payload")

@@ -258,8 +258,11 @@ def test_numbers_have_three_digits(value, text):
 
 def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
     files = write_run(tmp_path / "new" / "run", evaluation, ["sffr", "evaluate", "none", "--set", "panel.EI=2 5"])
+    recordings, files = files[: len(POLICIES)], files[len(POLICIES) :]
     assert [file.name for file in files] == ["episodes.csv", "manifest.json", "summary.json"]
-    assert sorted(each.name for each in files[0].parent.iterdir()) == sorted(file.name for file in files)
+    assert [file.name for file in recordings] == [f"{policy}.npz" for policy in POLICIES]
+    there = {file for file in (tmp_path / "new" / "run").rglob("*") if file.is_file()}
+    assert there == {*recordings, *files}
     assert json.loads(files[2].read_text()) == evaluation.summary()
 
     with files[0].open(newline="") as file:
@@ -320,7 +323,7 @@ def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
     monkeypatch.setattr(run_folder.os, "replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_run(tmp_path, evaluation, [])
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["episodes.csv", "manifest.json"]
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["episodes.csv", "manifest.json", "recordings"]
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 10  # the old one, whole
 
 

@@ -5,10 +5,11 @@ import pytest
 
 from agents.evaluate import evaluate
 from agents.figures import COLOURS, _range, damping, forces, make_view, quasi_static, save_figures, tracking
-from agents.robot_figure import arm_line, in_base_axes, panel_line, path_figure, tip_deflections
+from agents.robot_figure import path_figure
 from agents.run_folder import FIGURES
 from baselines.rollout import STRIDE
 from sffr_gym.beam import N_TIP
+from sffr_gym.geometry import arm_line, in_base_axes, panel_line, tip_deflections
 from sffr_gym.kinematics import grasp_points, rotation
 from sffr_gym.model import mode_slice, nodal, object_slice
 from sffr_gym.task import ERROR, TIP, VIBRATION

@@ -27,6 +27,7 @@ HEAVY = [
     "stable_baselines3",
     "sb3_contrib",
     "matplotlib",
+    "PIL",
     "pygame",
     "av",
     "optuna",
@@ -56,7 +57,8 @@ def test_wheel_has_the_packages_and_nothing_else(wheel):
         modules = {file.relative_to(ROOT).as_posix() for file in (ROOT / package).rglob("*.py")}
         assert modules
         assert modules <= wheel
-    assert "verification/templates/report.html" in wheel
+    templates = {file.relative_to(ROOT).as_posix() for file in ROOT.glob("*/**/templates/*") if file.is_file()}
+    assert {"verification/templates/report.html", "agents/report/templates/main.js"} <= templates <= wheel
 
 
 def test_wheel_has_every_config(wheel):

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import warnings
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -18,6 +19,7 @@ from sffr_gym import ConfigError, batch
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet
+from sffr_gym.lanes import WIDTH
 from sffr_gym.params import load_params
 from sffr_gym.scenario import load_scenario, scenario_names
 from sffr_gym.task import REASONS, RUNNING, make_robot
@@ -98,7 +100,7 @@ def test_batch_equals_single_environments(scenario, mode, n):
 @pytest.mark.parametrize("name", scenario_names())
 def test_batch_equals_single_environments_in_every_scenario(name):
     """Plants, faults, sensors and blows of each environment are those of its seed, and its info tells them."""
-    n = 5
+    n = 11  # eight in lanes where all plants are alike, and three more
     native = SFFRFlexVectorEnv(n, scenario=name)
     single = SyncVectorEnv([lambda: SFFRFlexEnv(name)] * n)
     assert_outputs_agree(native.reset(seed=30), single.reset(seed=30))
@@ -133,16 +135,18 @@ def test_plants_come_and_go_with_the_scenario():
                 assert reward[i] == alone[1]
 
 
-@pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 4, 2), (3, 4, 3), (3, 5, 2), (8, 1, 8)])
+@pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 16, 2), (3, 8, 3), (3, 20, 2), (8, 8, 5)])
 def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
     """However a batch is cut up for the threads, it goes through the same states."""
-    n, calls, step_range = 13, [], batch.step_range
+    n, calls = 45, []  # forty in lanes, and five
 
-    def spy(fleet, envs, inputs, active, first, last):
-        calls.append((first, last))
-        step_range(fleet, envs, inputs, active, first, last)
+    for name in "step_lanes", "step_range":
 
-    monkeypatch.setattr(batch, "step_range", spy)
+        def spy(step, fleet, envs, inputs, active, first, last):
+            calls.append((first, last))
+            step(fleet, envs, inputs, active, first, last)
+
+        monkeypatch.setattr(batch, name, partial(spy, getattr(batch, name)))
     results = []
     for setting in ((1, 32), (threads, chunk)):
         monkeypatch.setattr(batch, "THREADS", setting[0])
@@ -151,30 +155,34 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
         env.reset(seed=3)
         calls.clear()
         results.append([env.step(inputs) for inputs in actions(90, n)])
-    assert sorted(calls[:spans])[0][0] == 0 and sorted(calls[:spans])[-1][1] == n and len(calls) == 90 * spans
+    assert len(calls) == 90 * (spans + 1)
+    parts = sorted(calls[: spans + 1])
+    assert [first for first, _ in parts] == [0] + [last for _, last in parts[:-1]] and parts[-1] == (40, n)
     for left, right in zip(*results, strict=True):
         assert_outputs_agree(left, right)
 
 
-def test_a_neighbour_that_blows_up_does_no_harm():
-    """A state that overflows ends its own episode alone; the others do not feel it, in whatever order they come."""
+@pytest.mark.parametrize("n", [3, WIDTH])
+def test_a_neighbour_that_blows_up_does_no_harm(n):
+    """A state that overflows ends its own episode alone; the others do not feel it, one after the other or in lanes."""
     robot, params = make_robot(load_params()), load_params()
     fleet, rng = make_fleet(robot), np.random.default_rng(0)
-    episodes = [draw(load_scenario("excited"), nominal(params), rng) for _ in range(3)]
-    envs, alone = batch.make_batch(robot, 3), batch.make_batch(robot, 3)
+    episodes = [draw(load_scenario("excited"), nominal(params), rng) for _ in range(n)]
+    envs, alone = batch.make_batch(robot, n), batch.make_batch(robot, n)
     for i, episode in enumerate(episodes):
         batch.start_episode(fleet, envs, i, episode)
         batch.start_episode(fleet, alone, i, episode)
     envs.v[1, 4] = 1.0e200
-    inputs = actions(1, 3)[0]
+    inputs = actions(1, n)[0]
+    others = np.arange(n) != 1
     with np.errstate(all="ignore"):  # where the kernels are not compiled
-        batch.step_batch(fleet, envs, inputs, np.ones(3, dtype=bool))
-    batch.step_batch(fleet, alone, inputs, np.array([True, False, True]))
+        batch.step_batch(fleet, envs, inputs, np.ones(n, dtype=bool))
+    batch.step_batch(fleet, alone, inputs, others)
     assert REASONS[envs.status[1]] == "non-finite state"
     for left, right in zip(envs, alone, strict=True):
-        np.testing.assert_array_equal(left[[0, 2]], right[[0, 2]])
+        np.testing.assert_array_equal(left[others], right[others])
         assert np.isfinite(left).all()
-    assert list(envs.status[[0, 2]]) == [RUNNING, RUNNING] and list(alone.tick) == [1, 0, 1]
+    assert (envs.status[others] == RUNNING).all() and list(alone.tick) == list(others)
 
 
 def test_integer_seeds_count_up_and_lists_are_taken_as_given():

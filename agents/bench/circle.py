@@ -57,7 +57,7 @@ class Course(NamedTuple):
         B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
         return run(
             robot, episode.reference, episode.sensing, episode.impulses, law, buffers, 0, self.ticks, p, v, obs, B_hat,
-            record,
+            np.ones_like(B_hat), record,
         )  # fmt: skip
 
     @property
@@ -139,9 +139,10 @@ def make_record(course: Course) -> Record:
     robot, ticks = course.robot, course.ticks
     n, n_p, n_g = len(course.p), len(robot.model.panel_root), len(robot.model.grasp_arm)
     return Record(
-        signals=np.zeros((ticks, N_SIGNALS)), stride=1, p=np.zeros((ticks, n)), v=np.zeros((ticks, n)),
-        obs=np.zeros((ticks, len(course.obs))), applied=np.zeros((ticks, len(robot.scale))),
-        B_hat=np.zeros((ticks, n_p, 3)), q_flex=np.zeros((ticks, 3)), lam=np.zeros((ticks, n_g, 2)),
+        signals=np.zeros((ticks, N_SIGNALS)), tips=np.zeros((ticks, n_p)), stride=1, p=np.zeros((ticks, n)),
+        v=np.zeros((ticks, n)), obs=np.zeros((ticks, len(course.obs))),
+        applied=np.zeros((ticks, len(robot.scale))), B_hat=np.zeros((ticks, n_p, 3)), q_flex=np.zeros((ticks, 3)),
+        lam=np.zeros((ticks, n_g, 2)),
     )  # fmt: skip
 
 

@@ -87,15 +87,11 @@ for _name, _kind, _apply in (
 
 
 def _function(name: str) -> Callable[..., Any]:
-    """A function of ``math`` that counts itself; ``hypot`` as what it comes down to, ``isfinite`` as free."""
+    """A function of ``math`` that counts itself, ``isfinite`` as free."""
     original = getattr(math, name)
 
     def call(*arguments: Any) -> Any:
-        if name == "hypot":
-            _count["sqrt"] += 1
-            _count["multiply"] += 2
-            _count["add"] += 1
-        elif name != "isfinite":
+        if name != "isfinite":
             _count["sqrt" if name == "sqrt" else "transcendental"] += 1
         result = original(*map(float, arguments))
         return Counted(result) if isinstance(result, float) else result
@@ -118,7 +114,7 @@ def count_functions() -> None:
     """Let the kernels' modules use functions of ``math`` that count."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] in PACKAGES:
-            for function in "sin", "cos", "sqrt", "exp", "hypot", "isfinite":
+            for function in "sin", "cos", "sqrt", "exp", "isfinite":
                 if vars(module).get(function) is getattr(math, function):
                     setattr(module, function, _function(function))
 
@@ -128,8 +124,11 @@ def operations() -> dict[str, dict[str, int]]:
     course = make_course(1.0)
     policy: Any = make_policy("ahsc", course.params)
     law, B_hat, work, n = policy.law, policy.initial_damping(), mic_workspace(policy.law.prior), len(course.p)
+    factor = np.ones_like(B_hat)
     count_functions()
-    robot, reference, law, B_hat, work = (counting(each) for each in (course.robot, course.reference, law, B_hat, work))
+    robot, reference, law, B_hat, factor, work = map(
+        counting, (course.robot, course.reference, law, B_hat, factor, work)
+    )
     p, v, obs = counting(course.p), counting(course.v), counting(course.obs)
     buffers = counting(make_buffers(course.robot))
     tau, out, signals, command, wrench = (
@@ -140,7 +139,7 @@ def operations() -> dict[str, dict[str, int]]:
         "equations": lambda: accelerations(model, p, v, tau, inner, out),
         "step": lambda: advance(model, p, v, tau, robot.period, 1, robot.integrator, buffers.step),
         "view": lambda: view(robot, reference, Counted(0.1), p, v, buffers, obs, signals),
-        "law": lambda: control(law, obs, B_hat, work, command),
+        "law": lambda: control(law, obs, B_hat, factor, work, command),
         "plant": lambda: control_period(
             robot, reference, Counted(0.1), p, v, command, wrench, buffers, obs, signals
         ),

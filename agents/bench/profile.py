@@ -120,7 +120,7 @@ def _kernels(course: Course) -> dict[str, Contender]:
 
     timed: dict[str, Callable[[], Any]] = {
         "equations": equations,
-        "law": lambda: act(policy.law, observations, B_hat, actions),
+        "law": lambda: act(policy.law, 0, observations, B_hat, np.ones_like(B_hat), actions),
         "view": lambda: observe_often(
             robot, reference, course.p, course.v, buffers, course.obs.copy(), signals, periods
         ),

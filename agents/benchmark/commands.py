@@ -18,12 +18,12 @@ from rich.text import Text
 from agents.benchmark.compare import common_episodes
 from agents.benchmark.episodes import Plan, default_jobs
 from agents.benchmark.page import PAGE, ranked, show, signed
-from agents.benchmark.run import BASELINES, SUITE_EPISODES, run_benchmark
+from agents.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from agents.benchmark.standings import Standings, standings
 from agents.benchmark.tuning import EPISODES, EVALUATIONS, SCENARIO, tune_hsc, write_damping
 from agents.display import COMPILING
 from agents.evaluate import EVALUATION_SEED, number
-from agents.options import FirstSeed, Overrides, ParamsFile, Quiet
+from agents.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName
 from agents.score import WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError
@@ -44,7 +44,11 @@ def add_commands(app: typer.Typer) -> None:
 def benchmark_command(
     policies: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[POLICY...]", help="Policies to run.", show_default=" ".join(BASELINES)),
+        typer.Argument(
+            metavar="[POLICY...]",
+            help="Policies to run, or .npz files of learned ones.",
+            show_default=" ".join(default_policies()),
+        ),
     ] = None,
     scenarios: Annotated[
         list[str] | None,
@@ -89,7 +93,7 @@ def benchmark_command(
             notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
             figures = False
         plan = Plan(
-            tuple(policies or BASELINES), tuple(scenarios or scenario_names()), episodes, seed,
+            tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
             resolve_params(params, overrides or []),
         )  # fmt: skip
         try:
@@ -123,9 +127,7 @@ def compare_command(
 
 
 def tune_hsc_command(
-    scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
-    ] = SCENARIO,
+    scenario: ScenarioName = SCENARIO,
     episodes: Annotated[int, typer.Option("--episodes", "-n", metavar="N", help="Training episodes.")] = EPISODES,
     seed: Annotated[
         int, typer.Option("--seed", metavar="K", help=f"Seed of the first one, below {EVALUATION_SEED}.")

@@ -22,9 +22,9 @@ from urllib.parse import quote
 import baselines
 import sffr_gym
 from agents.evaluate import EVALUATION_SEED, result_of, with_right_models
+from agents.learned import check_titles, file_hash, load_policy, policy_file, policy_title
 from agents.run_folder import package_version, to_json, write_whole
 from agents.score import Result
-from baselines import make_policy
 from baselines.policies import Policy
 from baselines.rollout import rollout
 from sffr_gym import ConfigError, Params
@@ -34,6 +34,7 @@ from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.scenario import load_scenario, suite_hash
 
 ROWS, PLAN = "rows", "plan.json"
+_NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder may hold more than a plan runs
 
 Report = Callable[[str, int, int], Any]  # what was finished, episodes done and in all
 
@@ -51,7 +52,7 @@ class Plan:
     """What a benchmark runs.
 
     Attributes:
-        policies: names.
+        policies: names, or ``.npz`` files of learned ones.
         scenarios: shipped names, or files.
         episodes: of each policy in each scenario; one stands for all where a scenario draws nothing.
         seed: of the first one, the next one has the next number.
@@ -69,15 +70,16 @@ class Plan:
         for kind, names in (("policy", self.policies), ("scenario", self.scenarios)):
             if not names:
                 raise ConfigError(f"no {kind} given")
-            for name in names:
-                if names.count(name) > 1:
-                    raise ConfigError(f"{kind} {name!r} is given twice")
+        check_titles(self.policies)
+        for name in self.scenarios:
+            if self.scenarios.count(name) > 1:
+                raise ConfigError(f"scenario {name!r} is given twice")
         if self.episodes < 1:
             raise ConfigError(f"episodes = {self.episodes}: must be at least 1")
         if self.seed < EVALUATION_SEED:
             raise ConfigError(f"seed = {self.seed}: a benchmark takes evaluation seeds, from {EVALUATION_SEED} up")
         for name in self.policies:
-            _make(name, self.params)
+            load_policy(name, self.params)
         titles = [load_scenario(name).name for name in self.scenarios]
         for title in titles:
             if titles.count(title) > 1:
@@ -98,13 +100,20 @@ class Plan:
             for i in range(self.episodes if _draws(scenario, self.params) else 1)
         )
 
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """What tables call the policies."""
+        return tuple(map(policy_title, self.policies))
+
     def identity(self) -> dict[str, Any]:
-        """What episodes must agree in to stand in one table: version, code, parameters, each scenario's hash."""
+        """What episodes must agree in to stand in one table: version, code, parameters, scenarios, files."""
+        files = {policy_title(name): file for name in self.policies if (file := policy_file(name))}
         return {
             "version": package_version("sffr-gym"),
             "code": code_hash(),
             "config_hash": self.params.hash(),
             "scenarios": {each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
+            "policies": {title: file_hash(file) for title, file in files.items()},
         }
 
 
@@ -182,7 +191,7 @@ def _environment(scenario: str, params: Params) -> SFFRFlexEnv:
 
 @functools.lru_cache(maxsize=16)
 def _policy(name: str, scenario: str, params: Params) -> Policy:
-    return make_policy(name, _environment(scenario, params))
+    return load_policy(name, _environment(scenario, params).params)
 
 
 @functools.cache
@@ -190,16 +199,6 @@ def _draws(scenario: str, params: Params) -> bool:
     """Say whether a scenario's episodes differ."""
     _, info = _environment(scenario, params).reset(seed=EVALUATION_SEED)
     return bool(info["drawn"])
-
-
-def _make(name: str, params: Params) -> None:
-    """Try a policy's name; raises ConfigError."""
-    try:
-        make_policy(name, params)
-    except ConfigError:
-        raise
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
 
 
 def _claim(plan: Plan, folder: Path) -> None:
@@ -211,22 +210,25 @@ def _claim(plan: Plan, folder: Path) -> None:
     file, identity = folder / PLAN, plan.identity()
     if (folder / ROWS).is_dir() and file.exists():
         held = json.loads(file.read_text())
-        changed = [name for name in identity if name != "scenarios" and identity[name] != held[name]]
-        own, others = identity["scenarios"], held["scenarios"]
-        changed += [f"scenario {name!r}" for name in own if name in others and own[name] != others[name]]
+        changed = [name for name in identity if name not in _NAMED and identity[name] != held[name]]
+        for kinds, kind in _NAMED.items():
+            own, others = identity[kinds], held[kinds]
+            changed += [f"{kind} {name!r}" for name in own if name in others and own[name] != others[name]]
+            identity[kinds] = others | own
         if changed:
             raise ConfigError(
                 f"{folder}: holds episodes of another {', '.join(changed)}; choose another folder with --out or add "
                 "--overwrite"
             )
-        identity["scenarios"] = others | own
     (folder / ROWS).mkdir(parents=True, exist_ok=True)
     write_whole(file, to_json(identity).encode())
 
 
 def _file(folder: Path, task: Task) -> Path:
     """Where a finished episode lies; a name may be a path."""
-    return folder / ROWS / quote(task.scenario, safe="") / quote(task.policy, safe="") / f"{task.seed}.json"
+    return (
+        folder / ROWS / quote(task.scenario, safe="") / quote(policy_title(task.policy), safe="") / f"{task.seed}.json"
+    )
 
 
 def _read(file: Path) -> Result:

@@ -11,6 +11,7 @@ from pathlib import Path
 from agents.benchmark.episodes import Plan, Report, run_episodes
 from agents.benchmark.page import write_pages
 from agents.benchmark.standings import Standings, standings
+from agents.learned import shipped_policies
 from agents.run_folder import EPISODES, MANIFEST, episodes_csv, origin, to_json, write_whole
 from agents.score import REFERENCE
 from sffr_gym import ConfigError
@@ -18,6 +19,11 @@ from sffr_gym.scenario import load_scenario
 
 SUITE_EPISODES = 20
 BASELINES = ("none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr")
+
+
+def default_policies() -> tuple[str, ...]:
+    """The baselines, and the learned policies that come with the package."""
+    return (*BASELINES, *shipped_policies())
 
 
 def run_benchmark(
@@ -52,10 +58,10 @@ def run_benchmark(
         raise ConfigError(f"scores are relative to {REFERENCE!r}: add it to the policies")
     started, clock = datetime.now(UTC), time.perf_counter()
     results = run_episodes(plan, folder, jobs, overwrite, progress)
-    table = standings([result for result in results if result.policy in plan.policies])
+    table = standings([result for result in results if result.policy in plan.titles])
     facts = origin(command, started, time.perf_counter() - clock) | {
         "jobs": jobs,
-        "policies": list(plan.policies),
+        "policies": list(plan.titles),
         "episodes": plan.episodes,
         "seed": plan.seed,
         "suite": plan.suite,

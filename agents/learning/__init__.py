@@ -1,0 +1,1 @@
+"""Learning: training of damping schedules, their checkpoints, logs, export and tuning. Needs the extra `agents`."""

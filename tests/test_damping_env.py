@@ -1,0 +1,203 @@
+"""``SFFRFlexDamping-v0``: the law inside, its damping that stays positive, and the interfaces of Gymnasium and SB3."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as check_gymnasium_env
+from gymnasium.vector import AutoresetMode
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+
+from agents.residual_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
+from agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
+from baselines import make_policy
+from baselines.damping_loop import see_one
+from baselines.rollout import rollout
+from baselines.schedule import BOUNDS, N_FEATURES
+from sffr_gym import ConfigError
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.task import REWARDS, VIBRATION
+
+ACTIONS = arrays(np.float64, (6, 4), elements=st.one_of(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-1.0, 1.0)))
+
+
+def make(**arguments):
+    return SFFRFlexDampingEnv(**{"duration": 1.0} | arguments)
+
+
+def steps(env, actions, seed=0):
+    """Observations, rewards and infos of an episode."""
+    env.reset(seed=seed)
+    return list(zip(*[env.step(action) for action in actions], strict=True))
+
+
+@pytest.mark.parametrize("law", ["hsc", "ahsc"])
+@pytest.mark.parametrize("scenario", ["excited", "noise", "mismatch", "degraded", "impulse"])
+def test_action_zero_is_the_law_bit_for_bit(law, scenario):
+    env = make(law=law, scenario=scenario, duration=1.0, random_phase=False)
+    bare = SFFRFlexEnv(scenario=scenario)
+    bare.scenario = env._distribution()
+    expected = rollout(bare, make_policy(law, bare), seed=5)
+    _, rewards, _, truncated, infos = steps(env, np.zeros((10, 4), np.float32), seed=5)
+    last = expected.signals[49::50]
+    np.testing.assert_array_equal([info["vibration"] for info in infos], last[:, VIBRATION])
+    np.testing.assert_array_equal([info["object_error"] for info in infos], last[:, 0])
+    assert truncated[-1] and not any(truncated[:-1])
+    weight = bare.robot.weight[1] * bare.robot.period
+    total = -weight * expected.signals[:, VIBRATION].reshape(10, 50).sum(axis=1)
+    np.testing.assert_allclose([info["reward_vibration"] for info in infos], total, rtol=1e-12)
+    for reward, info in zip(rewards, infos, strict=True):
+        assert reward == pytest.approx(sum(info[f"reward_{name}"] for name in REWARDS), rel=1e-12)
+
+
+def test_action_stretches_the_damping_by_powers_of_rho():
+    env = make(law="hsc", rho=4.0)
+    env.reset(seed=0)
+    *_, info = env.step(np.array([1.0, -1.0, 0.5, 0.0]))
+    B0 = env.params.suppression.B0
+    np.testing.assert_allclose(
+        info["damping"], [[0.0, 4.0 * B0[1], B0[2] / 4.0], [0.0, 2.0 * B0[1], B0[2]]], rtol=1e-15
+    )
+
+
+def test_each_panel_feels_its_own_action():
+    still = steps(make(), np.zeros((5, 4)))[4][-1]["damping"]
+    moved = steps(make(), np.tile([1.0, 1.0, 0.0, 0.0], (5, 1)))[4][-1]["damping"]
+    assert (moved[0, 1:] > 5.0 * still[0, 1:]).all()
+    np.testing.assert_allclose(moved[1], still[1], rtol=1e-2)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(actions=ACTIONS, seed=st.integers(0, 1000))
+def test_no_sequence_of_actions_feeds_energy_into_a_panel(actions, seed):
+    """At every sample the damping's force opposes the tip, and over the time it is held it does no work in all."""
+    env = make(agent_period=0.002, duration=0.2)  # one control period for each action, so that all can be seen
+    env.reset(seed=seed)
+    tips, work = env.robot.actuators.tips, np.zeros(2)
+
+    def tip(values):
+        modes = values[9 : 9 + tips[:, :, 0].size].reshape(tips.shape[:2])
+        return np.einsum("imk,im->ik", tips, modes)
+
+    for action in np.repeat(actions, 10, axis=0):
+        place, rate, B_hat = tip(env.positions), tip(env.velocities), env._damping.B_hat[0].copy()
+        env.step(action)
+        B = env._damping.factor[0] * B_hat
+        assert (B[:, 1:] > 0.0).all() and (B[:, 1:] <= 10.0 * B_hat[:, 1:] * (1.0 + 1e-12)).all()
+        work -= (B * rate * (tip(env.positions) - place)).sum(axis=1)
+        assert (work <= 1e-9).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(obs=arrays(np.float64, 52, elements=st.floats(-10.0, 10.0)))
+def test_observation_stays_in_its_bounds_whatever_is_measured(obs):
+    env, seen = make(), np.zeros(2 * N_FEATURES)
+    see_one(env.law, obs, seen)
+    assert (np.abs(seen[np.isfinite(seen)]) <= np.tile(BOUNDS, 2)[np.isfinite(seen)]).all()
+
+
+def test_panels_see_themselves_alike():
+    """A panel at rest on its quasi-static shape has hardly any energy, wherever on the circle."""
+    env = make(scenario="nominal", overrides=["initial.qfd=[0, 0, 0]"])
+    for seed in range(5):
+        obs, _ = env.reset(seed=seed)
+        first, second = obs.reshape(2, N_FEATURES)
+        assert (obs[4::N_FEATURES] < -1.5).all()  # a thousandth of the reward's energy scale
+        np.testing.assert_allclose(first[5:], second[5:], atol=1e-6)  # mirrored: both are pushed to their positive side
+        assert first[5] >= 0.0
+        assert np.hypot(*first[5:]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_mirrored_panel_is_seen_alike():
+    """Nothing tells a panel from its mirror image: bent, moved and pushed to the other side."""
+    env, rng = make(), np.random.default_rng(0)
+    for _ in range(20):
+        obs, seen, mirrored = rng.uniform(-1.0, 1.0, 52), np.zeros(2 * N_FEATURES), np.zeros(2 * N_FEATURES)
+        obs[env.fields["reference_turn"].slice] = 0.0
+        see_one(env.law, obs, seen)
+        for name in ("elastic", "elastic_rate", "reference_velocity", "reference_acceleration"):
+            obs[env.fields[name].slice] *= -1.0
+        see_one(env.law, obs, mirrored)
+        np.testing.assert_array_equal(seen, mirrored)
+        assert (seen[5::N_FEATURES] > 0.0).all() and np.abs(seen[:4]).min() > 0.0
+
+
+def test_batch_equals_single_environments():
+    batch = SFFRFlexDampingVectorEnv(3, scenario="mismatch", duration=0.5)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 3, 4))
+    batch.reset(seed=7)
+    together = [batch.step(action)[:2] for action in actions]
+    for i in range(3):
+        obs, rewards, *_ = steps(make(scenario="mismatch", duration=0.5), actions[:, i], seed=7 + i)
+        np.testing.assert_array_equal([each[0][i] for each in together], obs)
+        np.testing.assert_array_equal([each[1][i] for each in together], rewards)
+
+
+def test_last_step_of_an_episode_ends_with_it():
+    env = make(duration=0.25)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(4))[3:] for _ in range(3)]
+    assert [truncated for truncated, _ in ends] == [False, False, True]
+    assert ends[-1][1]["time"] == pytest.approx(0.25)
+
+
+def test_state_is_restored_bit_for_bit():
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 4))
+    env = make()
+    env.reset(seed=3)
+    env.step(actions[0])
+    kept = env.get_state()
+    first = [env.step(action)[0] for action in actions]
+    env.set_state(kept)
+    np.testing.assert_array_equal(first, [env.step(action)[0] for action in actions])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"law": "none"}, "law = 'none'"),
+        ({"rho": 0.5}, "rho = 0.5"),
+        ({"agent_period": 0.003}, "multiple of control.period"),
+        ({"overrides": ["panel.elements=8", "panel.bending_cut=1.0e6"]}, "rho = 10: with the virtual damping"),
+        ({"overrides": ["panel.mounts=[]", "initial.qf=[0, 0, 0]", "initial.qfd=[0, 0, 0]"]}, "no panels"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        make(**arguments)
+
+
+def test_gymnasium_and_sb3_find_nothing_wrong():
+    env = gym.make("SFFRFlexDamping-v0", duration=1.0)
+    check_gymnasium_env(env.unwrapped, skip_render_check=True)
+    check_sb3_env(env.unwrapped)
+    batch = gym.make_vec("SFFRFlexDamping-v0", num_envs=2, duration=0.3)
+    obs, _ = batch.reset(seed=0)
+    assert obs in batch.observation_space
+    assert batch.step(batch.action_space.sample())[0] in batch.observation_space
+
+
+@pytest.mark.parametrize("per_panel", [False, True])
+def test_vec_env_gives_last_observations_and_says_why_episodes_end(per_panel):
+    env = make_sb3_vec_env(3, per_panel, duration=0.3)
+    twin = SFFRFlexDampingVectorEnv(3, duration=0.3, autoreset_mode=AutoresetMode.DISABLED)
+    env.seed(4)
+    twin.reset(seed=4)
+    assert env.reset().shape == (env.num_envs, *env.observation_space.shape)
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3, 4))
+    for k, action in enumerate(actions):
+        obs, rewards, dones, infos = env.step(action.reshape(env.num_envs, -1))
+        expected, total, *_ = twin.step(action)
+        np.testing.assert_allclose(rewards.reshape(3, -1).sum(axis=1), total, rtol=1e-5)
+        assert dones.all() == (k == 2) and dones.any() == (k == 2)
+    last = [info["terminal_observation"] for info in infos]
+    np.testing.assert_array_equal(last, expected.reshape(env.num_envs, -1))
+    assert all(info["TimeLimit.truncated"] for info in infos)
+    assert (obs != last).any()
+
+
+def test_vec_env_needs_the_autoreset_of_sb3():
+    with pytest.raises(ValueError, match="SAME_STEP"):
+        DampingVecEnv(SFFRFlexDampingVectorEnv(2))

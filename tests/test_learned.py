@@ -1,0 +1,215 @@
+"""Learned policies as files: what is exported decides as torch does, runs without it, and runs nobody's code."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_training import PPO_SMALL, small
+from stable_baselines3 import PPO
+
+from agents.benchmark.episodes import Plan, run_episodes
+from agents.evaluate import evaluate
+from agents.learned import LearnedSchedule, Network, load_policy, load_schedule, policy_title, save_schedule
+from agents.learning.algorithms import make_model
+from agents.learning.config import CONFIGS, load_config
+from agents.learning.export import export_run, export_zip, network_of
+from agents.learning.folder import BEST, LAST, PROGRESS
+from agents.learning.train import train
+from agents.residual_env import SFFRFlexDampingEnv
+from baselines.rollout import rollout
+from sffr_gym import ConfigError, load_params
+from sffr_gym.env import SFFRFlexEnv
+
+
+@pytest.mark.parametrize("algo", CONFIGS)
+@pytest.mark.parametrize(
+    "change", ["network.per_panel=false", "network.per_panel=true", "learning.energy_scaling=false"]
+)
+def test_export_decides_as_torch_does(algo, change, tmp_path):
+    config = small(algo, change)
+    model, env = make_model(config, seed=0)
+    model.learn(config.steps)
+    file = tmp_path / "policy.npz"
+    save_schedule(file, LearnedSchedule.of(network_of(model), env.unwrapped.env, {"seed": 0}))
+    schedule = load_schedule(file)
+    rng = np.random.default_rng(0)
+    obs = rng.uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
+    expected, _ = model.predict(obs.reshape(-1, *model.observation_space.shape), deterministic=True)
+    np.testing.assert_allclose(schedule.predict(obs)[0], expected.reshape(50, 4), atol=1e-6)
+
+
+def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
+    model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
+    with torch.no_grad():
+        model.policy.action_net[0].weight *= 100.0  # else it hardly acts
+    schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
+    bare, damping = SFFRFlexEnv(scenario="excited"), SFFRFlexDampingEnv(duration=1.0, random_phase=False)
+    bare.scenario = damping._distribution()
+    policy = schedule.policy(bare.params)
+    compiled = rollout(bare, policy, seed=4)
+    obs, _ = damping.reset(seed=4)
+    for k in range(10):
+        actions, _ = schedule.predict(obs)
+        assert np.abs(actions).max() > 0.1
+        obs, *_, info = damping.step(actions)
+        assert info["vibration"] == pytest.approx(compiled.signals[50 * k + 49, 2], rel=1e-5)
+    seen, _ = bare.reset(seed=4)
+    policy.reset()
+    for k in range(120):  # through the interface, step by step
+        seen, *_, info = bare.step(policy(seen))
+        assert info["vibration"] == pytest.approx(compiled.signals[k, 2], rel=1e-12)
+
+
+WITHOUT_TORCH = """
+import pathlib, sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("torch", "stable_baselines3", "sb3_contrib"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
+from typer.testing import CliRunner
+from agents.cli import app
+from agents.learned import load_schedule
+folder = pathlib.Path(sys.argv[1])
+load_schedule(folder / "policy.npz").predict([0.0] * 14)
+(folder / "short.yaml").write_text("name: short\\ndescription: short\\nduration: 0.5\\n")
+arguments = ["evaluate", str(folder / "policy.npz"), "ahsc", "-s", str(folder / "short.yaml"), "--no-figures"]
+result = CliRunner().invoke(app, [*arguments, "-o", str(folder / "run")])
+assert result.exit_code == 0, repr(result.exception)
+"""
+
+
+def test_policies_run_without_torch(schedule, tmp_path):
+    save_schedule(tmp_path / "policy.npz", schedule)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", WITHOUT_TORCH, str(tmp_path)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    run = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert set(run["policies"]) == {f"{tmp_path.name}/policy", "ahsc"}
+
+
+def test_run_folder_and_zip_export_the_same_policy(tmp_path):
+    config = small("ppo")
+    train(config, 0, tmp_path / "run")
+    export_run(tmp_path / "run", tmp_path / "run.npz")
+    assert {BEST, LAST, PROGRESS} <= {path.name for path in (tmp_path / "run").iterdir()}
+    model, _ = make_model(config, seed=1)
+    model.save(tmp_path / "model.zip")
+    for trust in (False, True):
+        export_zip(tmp_path / "model.zip", config, tmp_path / "zip.npz", trust)
+        obs = np.linspace(-1.0, 1.0, 14)
+        np.testing.assert_allclose(
+            load_schedule(tmp_path / "zip.npz").predict(obs)[0],
+            np.clip(network_of(model)(obs.reshape(2, 7)).ravel(), -1.0, 1.0),
+            atol=1e-6,
+        )
+
+
+class Bomb:
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('code of a file was run')",))
+
+
+def test_a_zips_code_is_not_run(tmp_path):
+    config = small("ppo")
+    model, _ = make_model(config, seed=1)
+    model.bomb = Bomb()
+    model.save(tmp_path / "model.zip")
+    export_zip(tmp_path / "model.zip", config, tmp_path / "zip.npz")
+    with pytest.raises(SystemExit, match="code of a file"):
+        PPO.load(tmp_path / "model.zip")
+
+
+@pytest.fixture
+def schedule():
+    """A schedule that damps all the more, the more a panel moves."""
+    matrix = np.zeros((2, 7))
+    matrix[:, 4] = 1.0
+    network = Network((matrix,), (np.zeros(2),), relu=False, squash=False)
+    return LearnedSchedule.of(network, SFFRFlexDampingEnv(), {"algo": "none"})
+
+
+@pytest.fixture
+def short(tmp_path):
+    """A scenario of half a second."""
+    file = tmp_path / "short.yaml"
+    file.write_text("name: short\ndescription: short\nduration: 0.5\n")
+    return str(file)
+
+
+def test_files_stand_beside_baselines_in_evaluation_and_benchmark(schedule, short, tmp_path):
+    file = tmp_path / "mine" / "best.npz"
+    file.parent.mkdir()
+    save_schedule(file, schedule)
+    evaluation = evaluate(["ahsc", str(file)], short, 1)
+    assert list(evaluation.results) == ["ahsc", "mine/best"]
+    plan = Plan(("ahsc", str(file)), (short,), 1, 1_000_000, load_params())
+    results = run_episodes(plan, tmp_path / "run", jobs=1)
+    assert results == [own[0] for own in evaluation.results.values()]
+    assert results[0].measures != results[1].measures
+    network = Network((2.0 * schedule.network.matrices[0],), schedule.network.biases, False, False)
+    save_schedule(file, replace(schedule, network=network))
+    with pytest.raises(ConfigError, match="another policy 'mine/best'"):
+        run_episodes(plan, tmp_path / "run", jobs=1)
+
+
+def test_policies_of_one_title_are_refused(schedule, short, tmp_path):
+    files = [tmp_path / folder / "run" / "best.npz" for folder in ("a", "b")]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        save_schedule(file, schedule)
+    with pytest.raises(ConfigError, match="'run/best': rename"):
+        evaluate([str(file) for file in files], short, 1)
+
+
+def test_titles_are_short_and_told_apart_by_folder():
+    assert [policy_title(name) for name in ("ahsc", "policy.npz", "runs/seed0/best.npz")] == [
+        "ahsc", "policy", "seed0/best",
+    ]  # fmt: skip
+
+
+def test_unknown_policy_is_named_with_the_nearest():
+    with pytest.raises(ConfigError, match="unknown policy 'ahcs'; did you mean 'ahsc'"):
+        load_policy("ahcs", load_params())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"matrix0": np.zeros((3, 7))}, "a matrix of shape"),
+        ({"matrix0": np.zeros((2, 6))}, "6 inputs and 2 outputs does not fit 14 observations"),
+        ({"matrix0": np.full((2, 7), np.inf)}, "not finite"),
+        ({"bias0": np.array([None, 1], dtype=object)}, "allow_pickle=False"),
+        ({"matrix1": np.zeros((1, 5)), "bias1": np.zeros(1)}, "followed by one of 5 inputs"),
+        ({"about": np.array("{}")}, "'format'"),
+        ({"about": np.array('{"format": "sffr-policy-9"}')}, "has the format 'sffr-policy-9'"),
+    ],
+)
+def test_file_that_is_no_policy_is_refused(schedule, changes, message, tmp_path):
+    """Compiled code would read beyond the weights if the sizes were wrong, and pickled ones could run anything."""
+    file = tmp_path / "policy.npz"
+    save_schedule(file, schedule)
+    with np.load(file) as data:
+        arrays = dict(data)
+    np.savez(file, **(arrays | changes))
+    with pytest.raises(ConfigError, match=message):
+        load_schedule(file)
+
+
+def test_text_is_no_policy(tmp_path):
+    file = tmp_path / "policy.npz"
+    file.write_text("weights")
+    with pytest.raises(ConfigError, match="is not a policy"):
+        load_schedule(file)
+
+
+def test_policy_of_another_robot_is_refused(schedule):
+    with pytest.raises(ConfigError, match="was made for a robot"):
+        schedule.policy(
+            load_params().with_overrides("panel.mounts=[{name: single, root: [-0.3, 0.5], angle: 1.5707963}]")
+        )

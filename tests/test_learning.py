@@ -1,0 +1,190 @@
+"""Trainings: the same seed gives the same weights, and a killed one goes on as if nothing had happened."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from small_training import PPO_SMALL, assert_same, small, weights
+from typer.testing import CliRunner
+
+from agents.cli import app
+from agents.learning import energy_scaling
+from agents.learning.algorithms import make_model
+from agents.learning.checkpoint import load_checkpoint, save_checkpoint
+from agents.learning.config import CONFIGS, load_config
+from agents.learning.folder import CHECKPOINTS, PROGRESS
+from agents.learning.log import CsvTable
+from agents.learning.train import resume, train
+from sffr_gym import ConfigError
+
+ROOT = Path(__file__).parents[1]
+
+
+class Killed(Exception):
+    pass
+
+
+def kill_at(steps):
+    def report(done, total, scores):
+        if done >= steps:
+            raise Killed
+
+    return report
+
+
+@pytest.mark.parametrize("algo", CONFIGS)
+def test_killed_training_goes_on_as_if_nothing_had_happened(algo, tmp_path):
+    """Which is also that the same seed gives the same weights."""
+    config = small(algo)
+    train(config, 3, tmp_path / "whole")
+    with pytest.raises(Killed):
+        train(config, 3, tmp_path / "killed", kill_at(110))
+    resume(tmp_path / "killed")
+    assert_same(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
+    tables = [(tmp_path / name / PROGRESS).read_text().splitlines() for name in ("whole", "killed")]
+    steps = [[line.split(",")[0] for line in table] for table in tables]
+    assert steps[0] == steps[1]
+
+
+def test_training_killed_at_any_moment_goes_on(tmp_path):
+    """A process that is killed without warning leaves a folder from which --resume ends with the same weights."""
+    settings = [*PPO_SMALL, "steps=100000", "checkpoints.every=16", "learning.final_learning_rate=1.0e-3"]
+    changes = [part for setting in settings for part in ("--set", setting)]
+    command = [sys.executable, "-m", "agents.cli", "train", "--seed", "3", *changes, "-o", str(tmp_path / "killed")]
+    running = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
+    while len(list((tmp_path / "killed" / CHECKPOINTS).glob("00*"))) < 2:
+        assert running.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.3)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    kept = tmp_path / "killed" / "train.json"
+    begun = json.loads(kept.read_text())
+    last = sorted((tmp_path / "killed" / CHECKPOINTS).glob("00*"))[-1]
+    steps = json.loads((last / "state.json").read_text())["notes"]["saved"] + 100
+    begun["config"]["steps"] = steps  # not the whole way
+    kept.write_text(json.dumps(begun))
+    resume(tmp_path / "killed")
+    train(load_config("ppo", [*settings, f"steps={steps}"]), 3, tmp_path / "whole")
+    assert_same(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
+
+
+def test_killed_before_the_first_checkpoint_begins_anew(tmp_path):
+    config = small("ppo")
+    with pytest.raises(Killed):
+        train(config, 3, tmp_path / "killed", kill_at(10))
+    resume(tmp_path / "killed")
+    train(config, 3, tmp_path / "whole")
+    assert_same(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
+
+
+def test_other_seed_gives_other_weights(tmp_path):
+    config = small("ppo")
+    for seed in (1, 2):
+        train(config, seed, tmp_path / str(seed))
+    first, second = (weights(tmp_path / str(seed)) for seed in (1, 2))
+    assert any(not torch.equal(first[name], second[name]) for name in first)
+
+
+@pytest.mark.parametrize("seed", [-1, 900_000, 1_000_000])
+def test_seeds_of_evaluation_are_refused(seed, tmp_path):
+    with pytest.raises(ConfigError, match="evaluation alone"):
+        train(small("ppo"), seed, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--algo", "ppoo"], "did you mean 'ppo'?"),
+        (["--set", "learning.gama=0.9"], "did you mean 'gamma'?"),
+        (["--set", "learning.tau=0.9"], "unknown key"),
+        (["--n-envs", "0"], "must be at least 1"),
+        (["--resume"], "--out"),
+        (["--resume", "--out", "nothing"], "holds no training"),
+    ],
+)
+def test_faults_of_the_user_are_named(arguments, message):
+    result = CliRunner().invoke(app, ["train", *arguments])
+    assert result.exit_code == 2
+    assert message in result.output
+
+
+def test_every_shipped_configuration_is_valid():
+    for algo in CONFIGS:
+        assert load_config(algo).algo == algo
+
+
+def test_advantages_count_alike_at_any_amplitude():
+    """A buffer whose rewards and values are a hundred times larger at ten times the amplitude gives the same."""
+    _, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
+    results = []
+    for size in (1.0, 10.0):
+        buffer = energy_scaling.EnergyRolloutBuffer(4, env.observation_space, env.action_space, n_envs=1, gamma=0.9)
+        rng = np.random.default_rng(0)
+        for _ in range(4):
+            obs = rng.uniform(-1.0, 1.0, (1, 7))
+            obs[:, 4] = 1.0 + np.log10(size)
+            value = torch.tensor(rng.normal(size=1) * size**2)
+            buffer.add(obs, np.zeros((1, 2)), rng.normal(size=1) * size**2, np.zeros(1), value, torch.zeros(1))
+        buffer.compute_returns_and_advantage(torch.tensor([size**2]), np.zeros(1))
+        results.append(buffer.advantages)
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-3)
+
+
+def test_replay_counts_alike_at_any_amplitude():
+    """Rewards per energy, and discounts that follow the energy: q = r / E + gamma E' / E q'."""
+    _, env = make_model(small("sac"), seed=0)
+    obs, after = np.zeros((1, 7), np.float32), np.zeros((1, 7), np.float32)
+    obs[:, 4], after[:, 4] = 1.0, 0.5  # log10 of the root of the energy: 100, and then 10
+    buffer = energy_scaling.EnergyReplayBuffer(
+        1, env.observation_space, env.action_space, device="cpu", n_envs=1, gamma=0.9
+    )
+    buffer.add(obs, after, np.zeros((1, 2)), np.array([-50.0]), np.zeros(1), [{}])
+    samples = buffer.sample(3)
+    floor = energy_scaling.FLOOR
+    np.testing.assert_allclose(samples.rewards, -50.0 / (100.0 + floor), rtol=1e-5)
+    np.testing.assert_allclose(samples.discounts, 0.9 * (10.0 + floor) / (100.0 + floor), rtol=1e-5)
+
+
+def test_table_goes_on_after_a_kill_in_the_middle_of_a_row(tmp_path):
+    file = tmp_path / PROGRESS
+    table = CsvTable(file)
+    for step in (8, 16, 24):
+        table.write({"loss": 0.5 * step}, {}, step)
+    file.write_text(file.read_text() + "1")  # the beginning of 128
+    table = CsvTable(file, steps=16)
+    table.write({"loss": 1.0, "score": 2.0}, {}, 24)
+    table.write({"loss": 3.0, "score": 4.0}, {}, 32)
+    assert file.read_text().splitlines() == ["steps,loss,score", "8,4.0,", "16,8.0,", "24,1.0,2.0", "32,3.0,4.0"]
+
+
+def test_checkpoint_is_whole_or_not_there(tmp_path, monkeypatch):
+    """A process that dies while it writes one leaves the one before, even of the same step."""
+    model, env = make_model(small("ppo"), seed=0)
+    save_checkpoint(tmp_path, model, env, {"number": 1}, keep=1)
+    with monkeypatch.context() as patch, pytest.raises(OSError):
+        patch.setattr("agents.learning.checkpoint.os.fsync", die)
+        save_checkpoint(tmp_path, model, env, {"number": 2}, keep=1)
+    assert load_checkpoint(tmp_path, model, env) == {"number": 1}
+    save_checkpoint(tmp_path, model, env, {"number": 3}, keep=1)
+    assert load_checkpoint(tmp_path, model, env) == {"number": 3}
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def die(*_):
+    raise OSError
+
+
+@pytest.mark.parametrize("arguments", [["train"], ["export", "run"], ["tune", "ppo"]])
+def test_what_is_not_installed_is_named(arguments, monkeypatch):
+    monkeypatch.setattr("agents.learning.commands.find_spec", lambda name: None if name == "torch" else name)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2 and "torch not installed: pip install 'sffr-gym[agents" in result.output

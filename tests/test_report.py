@@ -1,0 +1,342 @@
+"""`sffr report`: recordings, what the page is told, and how the command refuses."""
+
+import base64
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_runs import SEED, run
+from typer.testing import CliRunner
+
+from agents import cli
+from agents.recording import RECORDINGS, Recording, file_of, grasp_forces, recording_files
+from agents.report.page import PAGE, SCRIPTS, STYLES, page, report
+from agents.report.replay import episode_data, group, table
+from agents.report.runs import read_run, score_table
+from agents.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
+from agents.score import Result
+from baselines import make_policy
+from baselines.rollout import STRIDE, rollout
+from sffr_gym import ConfigError
+from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.geometry import panel_line, place_in_panel
+from sffr_gym.metrics import MEASURES
+from sffr_gym.model import mode_slice, pack
+from sffr_gym.task import ERROR, VIBRATION
+
+pytest.importorskip("jinja2")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A run of two laws and one policy that is no law, in two episodes."""
+    folder = tmp_path_factory.mktemp("runs") / "three"
+    run(folder, ["none", "ahsc", "random"])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trajectory():
+    env = SFFRFlexEnv("excited")
+    return rollout(env, make_policy("ahsc", env), SEED)
+
+
+@pytest.fixture(scope="module")
+def recording(trajectory):
+    return Recording.of(trajectory)
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    return page([read_run(folder)])
+
+
+def sffr(*arguments):
+    """Run the command and check that no traceback reaches the user."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "200")
+        result = CliRunner().invoke(cli.app, ["report", *map(str, arguments)], prog_name="sffr")
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def embedded(text):
+    """The episodes that a page holds."""
+    found = re.search(r'<script type="application/json" id="episodes">(.*?)</script>', text, re.DOTALL)
+    return json.loads(found[1])
+
+
+def columns(policy, name):
+    """A name's columns (rows, k) of a policy's embedded table."""
+    values = np.frombuffer(base64.b64decode(policy["table"]), "<f4").reshape(policy["rows"], policy["width"])
+    start, width = policy["layout"][name]
+    return values[:, start : start + width]
+
+
+def test_recording_is_read_as_it_was_written(recording, tmp_path):
+    file = tmp_path / "ahsc.npz"
+    file.write_bytes(recording.to_bytes())
+    again = Recording.read(file)
+    for name in ("policy", "scenario", "seed", "failure", "period", "plant"):
+        assert getattr(again, name) == getattr(recording, name)
+    for name in ("t", "p", "applied", "limit", "B_hat", "grasp", "signals", "tips"):
+        np.testing.assert_allclose(getattr(again, name), getattr(recording, name), rtol=1e-6)
+    np.testing.assert_array_equal(again.reference.joints, recording.reference.joints)
+    assert again.reference[:-1] == recording.reference[:-1]
+
+
+def test_recording_keeps_the_episode(trajectory, recording):
+    ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1
+    np.testing.assert_array_equal(recording.signals[1:], trajectory.signals[ticks])
+    np.testing.assert_array_equal(recording.p, trajectory.p)
+    assert len(recording.tips) == len(trajectory.signals)
+    assert file_of(Path("run"), "models/mine.zip") == Path("run/recordings/models%2Fmine.zip.npz")
+
+
+def test_grasp_forces_of_any_policy(trajectory, recording):
+    """Those that the compiled loop recorded are those that the simulator computes."""
+    blind = trajectory.__class__(**vars(trajectory) | {"lam": np.full_like(trajectory.lam, np.nan)})
+    np.testing.assert_allclose(grasp_forces(blind)[1:50], recording.grasp[1:50], rtol=1e-6, atol=1e-9)
+    assert np.abs(recording.grasp).max() > 0.01
+
+
+def test_run_folder_has_the_first_episode_of_each_policy(folder):
+    read = {each.policy: each for each in map(Recording.read, recording_files(folder))}
+    assert read.keys() == {"none", "ahsc", "random"} and {each.seed for each in read.values()} == {SEED}
+    assert [each.policy for each in read_run(folder).recordings] == ["none", "ahsc", "random"]
+    assert np.isnan(read["random"].B_hat).all() and np.isfinite(read["random"].grasp).all()
+
+
+def test_recordings_of_a_run_that_is_replaced_go(tmp_path):
+    run(tmp_path / "run", ["none", "hsc"], episodes=1)
+    run(tmp_path / "run", ["ahsc"], episodes=1)
+    assert [file.name for file in recording_files(tmp_path / "run")] == ["ahsc.npz"]
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "shape", "plant", "pickle"])
+def test_damaged_recording_is_refused(recording, tmp_path, damage):
+    file = tmp_path / "bad.npz"
+    content = recording.to_bytes()
+    match damage:
+        case "cut":
+            content = content[: len(content) // 2]
+        case "text":
+            content = b"no recording"
+        case "shape":
+            content = Recording(**vars(recording) | {"applied": recording.applied[:-1]}).to_bytes()
+        case "plant":
+            file.write_bytes(content)
+            with np.load(file) as kept:
+                arrays = dict(kept)
+            arrays["about"] = np.array(str(arrays["about"]).replace('"elements": 1', '"elements": 0'))
+            np.savez(file, **arrays)
+            content = file.read_bytes()
+        case "pickle":
+            np.savez(file, about=np.array([{"a": 1}], dtype=object))
+            content = file.read_bytes()
+    file.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"bad\.npz: no recording of ours, or damaged"):
+        Recording.read(file)
+
+
+def test_page_holds_what_was_recorded(text, folder):
+    (episode,) = embedded(text)
+    assert [policy["name"] for policy in episode["policies"]] == ["none", "ahsc", "random"]
+    for policy, recording in zip(episode["policies"], read_run(folder).recordings, strict=True):
+        np.testing.assert_allclose(columns(policy, "base"), recording.p[:, :3], rtol=1e-6)
+        np.testing.assert_allclose(columns(policy, "energy")[:, 0], recording.signals[:, VIBRATION], rtol=1e-6)
+        np.testing.assert_allclose(columns(policy, "error")[:, 0], recording.signals[:, ERROR], rtol=1e-6)
+        assert policy["step"] == pytest.approx(0.05) and policy["failure"] == recording.failure
+    assert [policy["rows"] for policy in episode["policies"]][:2] == [81, 81]
+    assert episode["policies"][2]["failure"] and episode["policies"][2]["rows"] < 81
+    assert not np.isfinite(columns(episode["policies"][2], "damping")).any()
+
+
+def test_page_draws_panels_as_the_pictures_do(recording):
+    """The robot's shape and the table give the line that the renderer draws."""
+    data = episode_data({"ahsc": recording}, {"ahsc": "#000000"})
+    row, factor, model = 300, 5.0, pack(recording.plant)
+    modes = columns(data["policies"][0], "modes")[row].reshape(2, -1)
+    for k, panel in enumerate(data["robot"]["panels"]):
+        bent = factor * np.array(panel["shapes"]) @ modes[k]
+        mine = place_in_panel(model, recording.p[row], k, np.column_stack([panel["x"], bent]))
+        p = recording.p[row].copy()
+        axial = np.zeros((2, model.omega2.shape[1]))
+        axial[:, : model.n_axial] = p[mode_slice(model)].reshape(axial.shape)[:, : model.n_axial]
+        p[mode_slice(model)] -= axial.ravel()  # the page leaves micrometres along the panel out
+        np.testing.assert_allclose(mine, panel_line(model, recording.plant, p, k, factor, 32), atol=1e-6)
+
+
+def test_page_asks_the_network_for_nothing(text):
+    class Addresses(HTMLParser):
+        found = ()
+
+        def handle_starttag(self, tag, attrs):
+            self.found += tuple(value for name, value in attrs if name in ("src", "href", "srcset", "action"))
+
+    parser = Addresses()
+    parser.feed(text)
+    assert all(value.startswith("data:") for value in parser.found)
+    assert "default-src 'none'" in text and "@import" not in text
+    assert not re.search(r"\b(fetch|XMLHttpRequest|WebSocket|import)\s*\(", text)
+
+
+def test_page_is_safe_from_names(folder, tmp_path):
+    """A policy or command with markup in it stays text."""
+    copy = tmp_path / "<b>run"
+    shutil.copytree(folder, copy)
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["command"] = "</script><script>alert(1)</script>"
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    text = page([read_run(copy)])
+    assert "<script>alert" not in text and "<b>run" not in text and "&lt;b&gt;run" in text
+
+
+def test_every_script_and_style_is_in_the_page(text):
+    shipped = {file.name for file in (resources.files("agents.report") / "templates").iterdir()}
+    assert shipped == {*SCRIPTS, *STYLES, "report.html"}
+    for name in (*SCRIPTS, *STYLES):
+        content = (resources.files("agents.report") / "templates" / name).read_text(encoding="utf-8")
+        assert content in text and "</script" not in content
+
+
+def made_up(policy, vibration, failure=""):
+    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "track_rmse": 2e-6, "piezo_effort": 0.0}
+    return Result("made-up", policy, 0, measures, failure, {})
+
+
+def test_scores_are_means_in_the_heads_units():
+    group = {"none": [made_up("none", 0.02), made_up("none", 0.04)], "ahsc": [made_up("ahsc", 0.001)] * 2}
+    scores = score_table("made-up", group)
+    heads = [head for head, _ in scores.heads]
+    vibration, tracking = heads.index("vibration"), heads.index("tracking, rms")
+    assert scores.heads[vibration][1] == "mJ" and scores.heads[tracking][1] == "µm" and scores.episodes == 2
+    rows = {policy: cells for policy, cells, _ in scores.rows}
+    assert rows["none"][vibration].text == "30.0" and rows["ahsc"][vibration].text == "1.00"
+    assert rows["ahsc"][0].text == "1.00" and rows["ahsc"][vibration].share == pytest.approx(1 / 30)
+    assert (
+        scores.verdict == "ahsc keeps the panels calmest: 1.00 mJ of vibration on average, 30.0 times less than none."
+    )
+
+
+def test_verdict_leaves_out_what_failed():
+    group = {"ahsc": [made_up("ahsc", 0.5)], "hsc": [made_up("hsc", 1.0)], "wild": [made_up("wild", 0.1, "lost grasp")]}
+    assert score_table("made-up", group).verdict.startswith("ahsc keeps the panels calmest")
+    assert score_table("made-up", {"ahsc": group["ahsc"]}).verdict == ""
+
+
+def test_spectrum_finds_a_vibration(recording):
+    """A sine of a known amplitude: its frequency, and its power as the integral."""
+    t = recording.period * np.arange(len(recording.tips))
+    tips = 0.1 * np.sin(2 * np.pi * 0.7 * t)[:, None] * [1.0, 0.5]
+    found = spectrum(Recording(**vars(recording) | {"tips": tips}))
+    f, psd = np.array(found["f"]), np.array(found["psd"])
+    assert f[psd[0].argmax()] == pytest.approx(0.7, rel=0.03)
+    np.testing.assert_allclose(psd[0] / psd[1], 4.0, rtol=1e-3)
+    near = (f > 0.6) & (f < 0.8)
+    assert np.trapezoid(psd[0][near], f[near]) == pytest.approx(0.1**2 / 2, rel=0.1)
+
+
+def test_spectrum_of_free_panels_peaks_at_the_first_mode(trajectory):
+    env = SFFRFlexEnv("excited")
+    recording = Recording.of(rollout(env, make_policy("none", env), SEED))
+    found, first = spectrum(recording), mode_frequencies(recording)[0]
+    f = np.array(found["f"])
+    for psd in np.array(found["psd"]):
+        swinging = f > 0.05
+        assert f[swinging][psd[swinging].argmax()] == pytest.approx(first, rel=0.2)
+
+
+def test_short_episode_has_no_spectrum(recording):
+    found = spectrum(Recording(**vars(recording) | {"tips": recording.tips[:50]}))
+    assert found == {"f": [], "psd": [[], []]}
+
+
+def test_use_counts_every_command_once(recording):
+    use = use_of_limits(recording)
+    assert use.keys() == set(GROUPS)
+    for shares in use.values():
+        assert len(shares) == len(SHARES) + 1 and sum(shares) == pytest.approx(1.0, abs=1e-3)
+        assert shares[-1] == 0.0
+    busy = Recording(**vars(recording) | {"applied": np.tile(recording.limit, (len(recording.t), 1))})
+    assert all(shares[-1] == 1.0 for shares in use_of_limits(busy).values())
+    half = Recording(**vars(recording) | {"applied": np.tile(0.5 * recording.limit, (len(recording.t), 1))})
+    assert all(shares[-2] == 1.0 for shares in use_of_limits(half).values())
+
+
+def test_dead_actuators_are_left_out(recording):
+    limit = recording.limit.copy()
+    limit[:3] = 0.0
+    applied = np.tile(limit, (len(recording.t), 1))
+    assert use_of_limits(Recording(**vars(recording) | {"applied": applied, "limit": limit}))["piezo"][-1] == 1.0
+
+
+def test_same_policy_of_two_runs_keeps_apart(recording):
+    other = Recording(**vars(recording) | {"policy": "none"})
+    away = Recording(**vars(recording) | {"seed": 7})
+    groups = group([("one", recording), ("one", other), ("two", recording), ("two", away)])
+    assert [list(members) for members in groups] == [["ahsc (one)", "none", "ahsc (two)"], ["ahsc"]]
+
+
+def test_quasi_static_shape_is_near_a_calmed_panel(recording):
+    """Dashed: what AHSC's panels settle to."""
+    found = table(recording, pack(recording.plant))
+    late = recording.t > 40.0
+    modes, rest = (found[name][late].reshape(-1, 2, 3)[:, :, 1] for name in ("modes", "rest"))
+    away = modes - rest
+    assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(rest**2))
+
+
+def test_command_writes_one_file(folder):
+    result = sffr(folder)
+    assert result.exit_code == 0, result.output
+    assert f"{PAGE}: " in result.stdout and "MB" in result.stdout
+    assert sffr(folder).exit_code == 2 and "--overwrite" in sffr(folder).output
+    assert sffr(folder, "--overwrite", "--quiet").stdout == ""
+    assert (folder / PAGE).read_text(encoding="utf-8") == page([read_run(folder)])
+
+
+def test_several_runs_make_one_page(folder, tmp_path):
+    run(tmp_path / "other", ["hsc", "ahsc"], episodes=1)
+    run(tmp_path / "again", ["hsc"], episodes=1, name="long", seed=SEED + 1)
+    file = report([folder, tmp_path / "other", tmp_path / "again"], tmp_path / "new" / "page.html")
+    first, second = embedded(file.read_text(encoding="utf-8"))
+    assert [policy["name"] for policy in first["policies"]] == ["none", "ahsc (three)", "random", "hsc", "ahsc (other)"]
+    assert len({policy["colour"] for policy in first["policies"]}) == 5
+    assert [policy["name"] for policy in second["policies"]] == ["hsc"]
+
+
+def test_run_without_recordings_has_a_page_without_replay(folder, tmp_path):
+    copy = tmp_path / "bare"
+    shutil.copytree(folder, copy)
+    shutil.rmtree(copy / RECORDINGS)
+    text = page([read_run(copy)])
+    assert "No replay" in text and 'data-part="stage"' not in text and embedded(text) == []
+
+
+@pytest.mark.parametrize(
+    "names,message",
+    [
+        (["nothing"], "holds no finished run"),
+        (["three", "three"], "is given twice"),
+        (["bare"], "no manifest of a run"),
+    ],
+)
+def test_faults_are_refused_in_words(folder, names, message):
+    bare = folder.parent / "bare"
+    bare.mkdir(exist_ok=True)
+    shutil.copy(folder / "episodes.csv", bare)
+    result = sffr(*(folder.parent / name for name in names), "--out", folder.parent / "refused.html")
+    assert result.exit_code == 2 and message in result.output, result.output
+    assert not (folder.parent / "refused.html").exists()
+
+
+def test_missing_extra_says_what_to_install(monkeypatch, folder):
+    monkeypatch.setattr("agents.report.commands.find_spec", lambda name: None)
+    result = sffr(folder, "--overwrite")
+    assert result.exit_code == 2 and "pip install 'sffr-gym[report]'" in result.output

@@ -1,0 +1,104 @@
+"""The search for settings: several seeds for a trial, all their episodes for a score, and kills that lose nothing."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from small_training import PPO_SMALL
+
+from agents.learned import load_schedule
+from agents.learning import tune as module
+from agents.learning.config import load_config
+from agents.learning.folder import BEST
+from agents.learning.tune_config import load_tune
+from agents.learning.validation import Validator
+from agents.statistics import interquartile_mean
+from sffr_gym import ConfigError, load_params
+
+tune = pytest.importorskip("optuna") and module.tune
+
+SPACE = """
+space:
+  - {key: learning.gamma, low: 0.9, high: 0.99}
+  - {key: learning.n_epochs, low: 1, high: 3}
+  - {key: network.hidden, choices: ["[4]", "[8, 8]"]}
+"""
+
+
+@pytest.fixture
+def plan(tmp_path):
+    file = tmp_path / "search.yaml"
+    file.write_text(f"train: ppo\nset: {PPO_SMALL}\nseeds: 2\ntrials: 2\n{SPACE}")
+    return load_tune(file)
+
+
+def rows(folder):
+    with (folder / module.TRIALS).open(newline="") as text:
+        return list(csv.DictReader(text))
+
+
+@pytest.mark.parametrize("storage", [None, "study.db"])
+def test_killed_search_goes_on_as_if_nothing_had_happened(plan, tmp_path, storage):
+    where = {name: None if storage is None else tmp_path / f"{name}-{storage}" for name in ("whole", "killed")}
+    tune(plan, tmp_path / "whole", where["whole"])
+
+    def kill(what, done, total):
+        if re.match(r"trial 2 .* seed 1", what):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tune(plan, tmp_path / "killed", where["killed"], progress=kill)
+    assert len(rows(tmp_path / "killed")) == 1
+    best = tune(plan, tmp_path / "killed", where["killed"])
+    found = rows(tmp_path / "killed")
+    assert len(found) == 2 and float(found[0]["cost"]) == best.values[0] <= float(found[1]["cost"])
+    assert rows(tmp_path / "whole")[0].keys() == found[0].keys()
+    costs = [{row["cost"] for row in rows(tmp_path / name)} for name in ("whole", "killed")]
+    assert costs[0] == costs[1]
+
+
+def test_trial_counts_by_the_episodes_of_all_seeds(plan, tmp_path):
+    best = tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
+    config = load_config(tmp_path / "run" / module.BEST_CONFIG)
+    assert config == plan.training(best.params)
+    validator = Validator(config.validation, load_params())
+    folders = sorted((tmp_path / "run" / "trainings").iterdir())
+    assert len(folders) == 2
+    costs = [validator.episode_costs(load_schedule(folder / BEST)) for folder in folders]
+    assert best.values[0] == pytest.approx(float(interquartile_mean(np.concatenate(costs))), rel=1e-12)
+
+
+def test_first_trial_has_the_settings_as_they_are(plan, tmp_path):
+    best = tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
+    assert best.params == {"learning.gamma": 0.98, "learning.n_epochs": 2, "network.hidden": "[8, 8]"}
+
+
+def test_folder_of_another_search_is_refused(plan, tmp_path):
+    tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
+    with pytest.raises(ConfigError, match="another search"):
+        tune(plan.model_copy(update={"seeds": 3}), tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("space", "message"),
+    [
+        ("{key: learning.gama, low: 0.9, high: 0.99}", "did you mean 'gamma'"),
+        ("{key: learning.gamma, low: 0.9, high: 1.5}", "must be at most 1"),
+        ("{key: learning.gamma, low: 0.9}", "needs either low and high, or choices"),
+        ("{key: learning.gamma, low: 0.9, high: 0.99, choices: [0.95]}", "needs either"),
+        ("{key: learning.gamma, low: 0.99, high: 0.9}", "must not exceed"),
+        ("{key: learning.ent_coef, low: 0.0, high: 0.1, log: true}", "positive low"),
+        ("{key: network.hidden, choices: [wide]}", "must be a list"),
+    ],
+)
+def test_faults_of_a_search_are_named(space, message, tmp_path):
+    file = tmp_path / "search.yaml"
+    file.write_text(f"train: ppo\nspace:\n  - {space}\n")
+    with pytest.raises(ConfigError, match=message):
+        load_tune(file)
+
+
+def test_every_shipped_search_is_valid():
+    for name in ("ppo", "sac"):
+        assert load_tune(name).train == name
