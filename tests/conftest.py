@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
+from sffr_gym.params import load_params
+
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
 
 
@@ -14,6 +16,12 @@ def raise_on_invalid_numbers():
     """Raise where NumPy would warn or pass on inf and NaN; compiled kernels are not concerned."""
     with np.errstate(invalid="raise", divide="raise", over="raise"):
         yield
+
+
+@pytest.fixture(scope="session")
+def params():
+    """The shipped case study."""
+    return load_params()
 
 
 @pytest.fixture(scope="session")

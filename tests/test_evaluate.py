@@ -1,19 +1,17 @@
-"""Evaluation: paired episodes, scores on known numbers, the table, and the run folder's files."""
+"""Evaluation: paired episodes, the table, and what of it a run folder keeps."""
 
 import csv
 import io
 import json
 import math
-import shutil
-import subprocess
 
 import pytest
 from rich.console import Console
 
 from agents import run_folder
 from agents.evaluate import COLUMNS, Evaluation, evaluate, number, remarks, table, with_right_models
-from agents.run_folder import check_folder, git_state, read_episodes, to_json, write_run, write_whole
-from agents.score import Result, costs, ratios
+from agents.run_folder import check_folder, read_episodes, write_run
+from agents.score import costs
 from baselines import make_policy
 from baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
@@ -35,16 +33,6 @@ def evaluation(swinging):
 def failing(swinging):
     """One policy that fails and one that does not."""
     return evaluate(["hsc", "random"], swinging, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
-
-
-def results(policy, *episodes):
-    """Episodes of a policy from (vibration, tracking, effort) each, None for a failed one."""
-    made = []
-    for i, values in enumerate(episodes):
-        v, e, u = values or (1e-9, 1e-9, 1e-9)
-        measures = {"vibration": v, "track_rmse": e, "piezo_effort": u}
-        made.append(Result("made-up", policy, i, measures, "" if values else "lost grasp", {}))
-    return made
 
 
 def printed(evaluation, width):
@@ -125,40 +113,6 @@ def test_progress_reaches_the_total_and_never_falls(swinging):
     done = [each[1] for each in seen]
     assert done == sorted(done)
     assert ("none", 1000, 4000) in seen and ("hsc", 3000, 4000) in seen
-
-
-def test_cost_is_the_weighted_ratio_of_suite_means():
-    own = {
-        "ahsc": results("ahsc", (1.0, 2.0, 4.0), (3.0, 2.0, 4.0)),
-        "other": results("other", (1.0, 4.0, 0.0), (1.0, 4.0, 4.0)),
-    }
-    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": 0.5}  # not (1 + 1/3) / 2
-    assert costs(own)["ahsc"] == pytest.approx(1.0)
-    assert costs(own)["other"] == pytest.approx(0.60 * 0.5 + 0.35 * 2.0 + 0.05 * 0.5)
-
-
-def test_failed_episode_counts_ten_times_the_reference_there():
-    own = {
-        "ahsc": results("ahsc", (1.0, 1.0, 1.0), (3.0, 1.0, 1.0)),
-        "other": results("other", (1.0, 1.0, 1.0), None),
-        "lost": results("lost", None, None),
-    }
-    assert ratios(own, "vibration", "ahsc")["other"] == pytest.approx((1.0 + 30.0) / 4.0)
-    assert costs(own)["lost"] == pytest.approx(10.0)
-
-
-def test_reference_that_fails_is_still_the_measure_of_all():
-    own = {"ahsc": results("ahsc", (2.0, 1.0, 1.0), None), "other": results("other", None, (4.0, 1.0, 1.0))}
-    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": pytest.approx((20.0 + 4.0) / (2.0 + 20.0))}
-    lost = {"ahsc": results("ahsc", None), "other": results("other", (1.0, 1.0, 1.0))}
-    assert all(math.isnan(cost) for cost in costs(lost).values())
-
-
-def test_ratio_to_nothing_is_one_for_nothing_and_infinite_for_something():
-    own = {"none": results("none", (1.0, 1.0, 0.0)), "off": results("off", (1.0, 1.0, 0.0))}
-    own["hsc"] = results("hsc", (1.0, 1.0, 5.0))
-    assert ratios(own, "piezo_effort", "none") == {"none": 1.0, "off": 1.0, "hsc": math.inf}
-    assert all(math.isnan(cost) for cost in costs(own).values())  # no AHSC, no cost
 
 
 @pytest.mark.parametrize("width", [80, 100, 140])
@@ -308,12 +262,6 @@ def test_finished_run_is_kept_unless_overwriting(evaluation, tmp_path):
     assert (tmp_path / "mine.png").exists()
 
 
-def test_folder_that_cannot_be_is_refused_beforehand(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="not a folder"):
-        check_folder(tmp_path / "file" / "run")
-
-
 def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
     write_run(tmp_path, evaluation, [])
 
@@ -325,47 +273,6 @@ def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
         write_run(tmp_path, evaluation, [])
     assert sorted(each.name for each in tmp_path.rglob("*")) == ["episodes.csv", "manifest.json", "recordings"]
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 10  # the old one, whole
-
-
-def test_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
-    file = write_whole(tmp_path / "a.json", b"old")
-
-    def full(self, content):
-        with self.open("wb") as part:
-            part.write(content[:1])
-        raise OSError("no space left")
-
-    monkeypatch.setattr(type(file), "write_bytes", full)
-    with pytest.raises(OSError, match="no space"):
-        write_whole(file, b"new")
-    assert file.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_json_has_null_for_what_is_not_a_number():
-    assert json.loads(to_json({"a": [math.nan, math.inf, 1.5], "b": None})) == {"a": [None, None, 1.5], "b": None}
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_git_state_is_that_of_the_checkout_that_tracks_the_sources(tmp_path):
-    def git(*arguments):
-        identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
-        subprocess.run(["git", "-C", str(tmp_path), *identity, *arguments], check=True, capture_output=True)
-
-    source, other = tmp_path / "package", tmp_path / "ignored" / "package"
-    for folder in source, other:
-        folder.mkdir(parents=True)
-        (folder / "__init__.py").write_text("")
-    assert git_state(source) is None
-    git("init")
-    (tmp_path / ".gitignore").write_text("ignored/\n")
-    git("add", ".")
-    git("commit", "-m", "first")
-    state = git_state(source)
-    assert len(state["commit"]) == 40 and state["dirty"] is False
-    assert git_state(other) is None  # an environment that happens to lie in a checkout
-    (source / "__init__.py").write_text("changed = True\n")
-    assert git_state(source)["dirty"] is True
 
 
 def test_evaluation_refers_to_the_first_policy_without_ahsc(evaluation, failing):
