@@ -22,6 +22,7 @@ from agents.evaluate import EPISODES, EVALUATION_SEED, Evaluation, evaluate, num
 from agents.figures import save_figures
 from agents.learned import shipped_policies
 from agents.learning.commands import add_commands as add_learning_commands
+from agents.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName
 from agents.report.commands import add_commands as add_report_commands
 from agents.reproduce import CLAIMS, claims_table, reproduce, verdicts
 from agents.run_folder import check_folder, package_version, write_run
@@ -66,9 +67,7 @@ _POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\
 @app.command("evaluate", no_args_is_help=True)
 def evaluate_command(
     policies: Annotated[list[str], typer.Argument(metavar="POLICY", help=_POLICY_HELP, show_default=False)],
-    scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
-    ] = "nominal",
+    scenario: ScenarioName = "nominal",
     episodes: Annotated[
         int | None,
         typer.Option(
@@ -79,26 +78,16 @@ def evaluate_command(
             show_default=f"{EPISODES}, or 1 if the scenario draws nothing",
         ),
     ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="K", help="Seed of the first episode; the next ones count up.")
-    ] = EVALUATION_SEED,
+    seed: FirstSeed = EVALUATION_SEED,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Run folder.", show_default="runs/<scenario>-<date-time>"),
     ] = None,
-    params: Annotated[
-        str | None,
-        typer.Option("--params", metavar="FILE", help="YAML file over the case study.", show_default="the case study"),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a parameter, SI units, such as panel.EI=25; repeatable."
-        ),
-    ] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw each policy's first episode.")] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run policies on the same episodes of a scenario, measure them, and leave a run folder.
 
@@ -153,7 +142,7 @@ def verify_command(
         typer.Option("--out", "-o", metavar="DIR", help="Folder of the page.", show_default="runs/verify-<date-time>"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the page in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Check the simulator against derivations and engines that others wrote: SymPy, Pinocchio, MuJoCo, Exudyn.
 
@@ -188,7 +177,7 @@ def reproduce_command(
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a finished run in DIR.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Draw the paper's figures of section 5.3 with our numbers, and say which of its claims hold.
 
@@ -213,9 +202,7 @@ def animate_command(
         list[str],
         typer.Argument(metavar="POLICY [POLICY]", help="One policy, or two side by side.", show_default=False),
     ],
-    scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
-    ] = "nominal",
+    scenario: ScenarioName = "nominal",
     seed: Annotated[int, typer.Option("--seed", metavar="K", help="Seed of the episode.")] = EVALUATION_SEED,
     out: Annotated[
         Path | None,
@@ -223,16 +210,8 @@ def animate_command(
             "--out", "-o", metavar="FILE", help="A .gif or .mp4.", show_default="runs/<policies>-<scenario>.gif"
         ),
     ] = None,
-    params: Annotated[
-        str | None,
-        typer.Option("--params", metavar="FILE", help="YAML file over the case study.", show_default="the case study"),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a parameter, SI units, such as panel.EI=25; repeatable."
-        ),
-    ] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
     speed: Annotated[float, typer.Option("--speed", metavar="N", help="Times real time.")] = Cut.speed,
     fps: Annotated[int, typer.Option("--fps", metavar="N", help="Pictures a second.")] = Cut.fps,
     duration: Annotated[
@@ -244,7 +223,7 @@ def animate_command(
         float, typer.Option("--exaggeration", metavar="N", help="Draw deflections so many times as large.")
     ] = Cut.exaggeration,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Make a moving picture of a policy at work, or of two side by side in the same episode: GIF or MP4.
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sffr_gym._jit import cache_sources
 
-cache_sources(Path(__file__).parent, __name__)
+cache_sources(__name__, Path(__file__).parent)
 
 from baselines.policies import POLICIES, Policy, make_policy  # noqa: E402  (kernels after the cache is named)
 

@@ -25,23 +25,23 @@ _sources: list[bytes] = []
 _folders: dict[str, Path] = {}
 
 
-def cache_sources(package: Path, name: str) -> Path:
+def cache_sources(package: str, sources: Path) -> Path:
     """Name the cache folder of a package's kernels by a hash of its sources and of those hashed before.
 
     A package whose kernels call those of another one calls this after importing it and before it defines any.
 
     Args:
-        package: folder that holds the package's ``.py`` files.
-        name: of the package, as its modules know it.
+        package: its full name, such as ``baselines``; packages below it are named apart.
+        sources: folder that holds its ``.py`` files.
 
     Returns:
         The folder; the user's own, if ``NUMBA_CACHE_DIR`` is set.
     """
     if _USER_CHOSE_CACHE:
         return Path(numba.config.CACHE_DIR)
-    _sources.extend(text for path in sorted(package.glob("*.py")) if b"kernel" in (text := path.read_bytes()))
+    _sources.extend(text for path in sorted(sources.glob("*.py")) if b"kernel" in (text := path.read_bytes()))
     digest = hashlib.sha256(b"".join(_sources)).hexdigest()[:16]
-    folder = _folders[name] = CACHE_ROOT / digest
+    folder = _folders[package] = CACHE_ROOT / digest
     if folder.is_dir():
         os.utime(folder)  # in use; see remove_stale_caches
     return folder
@@ -69,8 +69,7 @@ def kernel(
     if function is None:
         return functools.partial(kernel, inline=inline, allocates=allocates, nogil=nogil)
     options = {"forceinline": inline, "_nrt": allocates, "nogil": nogil}
-    home = function.__module__
-    folder = next((folder for name, folder in _folders.items() if f"{home}.".startswith(f"{name}.")), None)
+    folder = _folders.get(function.__module__.rpartition(".")[0])
     others = numba.config.CACHE_DIR  # numba reads it while it decorates; a user's own kernels keep theirs
     if folder is not None:
         numba.config.CACHE_DIR = str(folder)
@@ -93,7 +92,7 @@ def remove_stale_caches() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-cache_sources(Path(__file__).parent, "sffr_gym")
+cache_sources(__package__, Path(__file__).parent)
 
 
 @kernel(inline=True)

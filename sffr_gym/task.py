@@ -122,7 +122,7 @@ def make_robot(params: Params) -> Robot:
 
 
 def episode_robot(robot: Robot, episode: Episode) -> Robot:
-    """The plant of an episode with its faults.
+    """The plant of an episode with its faults; ``robot`` itself if it is what the controllers believe and all works.
 
     An action still asks for a part of the limits that the controllers believe in; what is lost of them cuts it off.
 
@@ -130,9 +130,12 @@ def episode_robot(robot: Robot, episode: Episode) -> Robot:
         robot: what the controllers believe.
         episode: as drawn.
     """
+    left = episode.health.left(robot.actuators)
+    if episode.plant is episode.prior and left.min() == 1.0:
+        return robot
     plant = robot if episode.plant is episode.prior else make_robot(episode.plant)
-    left = plant.actuators.limit * episode.health.left(plant.actuators)
-    return plant._replace(actuators=plant.actuators._replace(limit=left), scale=robot.scale)
+    actuators = plant.actuators._replace(limit=plant.actuators.limit * left)
+    return plant._replace(actuators=actuators, scale=robot.scale)
 
 
 @kernel(allocates=True)

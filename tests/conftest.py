@@ -1,9 +1,12 @@
-"""What all tests share: floating-point faults raise, and windows open nowhere."""
+"""What all tests share: floating-point faults raise, windows open nowhere, and users' scenarios are written here."""
 
 import os
 
 import numpy as np
 import pytest
+import yaml
+
+from sffr_gym.params import load_params
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
 
@@ -13,3 +16,27 @@ def raise_on_invalid_numbers():
     """Raise where NumPy would warn or pass on inf and NaN; compiled kernels are not concerned."""
     with np.errstate(invalid="raise", divide="raise", over="raise"):
         yield
+
+
+@pytest.fixture(scope="session")
+def params():
+    """The shipped case study."""
+    return load_params()
+
+
+@pytest.fixture(scope="session")
+def user_scenario(tmp_path_factory):
+    """A function that writes a user's scenario, each in a folder of its own, and returns its path."""
+
+    def write(name="mine", /, **keys):
+        file = tmp_path_factory.mktemp("scenario") / f"{name}.yaml"
+        file.write_text(yaml.safe_dump({"name": name, "description": "a test's"} | keys), encoding="utf-8")
+        return str(file)
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def swinging(user_scenario):
+    """A scenario of 2 s that draws the panels' vibration."""
+    return user_scenario("swinging", duration=2.0, panel_modes=[{"mode": 1, "amplitude": [0.05, 0.25]}])

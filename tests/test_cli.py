@@ -10,15 +10,11 @@ from agents import cli, verify
 from sffr_gym import load_params
 from verification import Check
 
-SCENARIO = "name: short\ndescription: Nothing is drawn.\nduration: 1.0\n"
-
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory):
+def scenario(user_scenario):
     """A scenario of 1 s."""
-    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
-    file.write_text(SCENARIO)
-    return str(file)
+    return user_scenario("short", duration=1.0)
 
 
 @pytest.fixture(autouse=True)

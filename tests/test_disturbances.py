@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import yaml
 
 from sffr_gym import Simulator
 from sffr_gym._jit import kernel
@@ -15,18 +14,6 @@ from sffr_gym.vector_env import SFFRFlexVectorEnv
 
 N_ACTIONS, N_OBS = 15, 52
 MASK = 0xFFFFFFFF
-
-
-@pytest.fixture
-def user(tmp_path):
-    """Return a function that writes a user's scenario and returns its path."""
-
-    def write(**keys):
-        file = tmp_path / f"{len(list(tmp_path.iterdir()))}.yaml"
-        file.write_text(yaml.safe_dump({"name": "mine", "description": "a test's"} | keys), encoding="utf-8")
-        return str(file)
-
-    return write
 
 
 @kernel(allocates=True)
@@ -88,10 +75,10 @@ def test_noise_is_white_and_normal():
     assert np.abs(noise.T @ other / ticks).max() < five_sigma
 
 
-def test_noise_reaches_the_observation_alone(user):
+def test_noise_reaches_the_observation_alone(user_scenario):
     """Under the same actions all else is that of a clean episode, bit for bit; numbers have the noise of their unit."""
     levels = {"position": 1e-3, "angle": 2e-3, "velocity": 3e-3, "rate": 4e-3}
-    env, noisy, infos = run(user(sensors=levels), 400)
+    env, noisy, infos = run(user_scenario(sensors=levels), 400)
     _, clean, clean_infos = run("nominal", 400)
     for info, other in zip(infos, clean_infos, strict=True):
         for name in (*SIGNALS, *(f"reward_{name}" for name in REWARDS), "time", "failure", "cost"):
@@ -109,9 +96,9 @@ def test_noise_reaches_the_observation_alone(user):
     assert np.abs(noise[0]).max() > 0.0, "the observation of the reset is measured too"
 
 
-def test_noise_does_not_depend_on_actions_or_neighbours(user):
+def test_noise_does_not_depend_on_actions_or_neighbours(user_scenario):
     """The noise of a seed is the same under other actions, and in a batch of any size."""
-    noisy, clean = user(sensors={"position": 1e-2, "rate": 1e-2}), user()
+    noisy, clean = user_scenario(sensors={"position": 1e-2, "rate": 1e-2}), user_scenario()
     first, second = (run(noisy, 20, 5, action_seed=k)[1] - run(clean, 20, 5, action_seed=k)[1] for k in (1, 2))
     np.testing.assert_allclose(first, second, rtol=0, atol=1e-13)
     alone = run(noisy, 20, seed=5, size=0.0)[1]
@@ -122,17 +109,19 @@ def test_noise_does_not_depend_on_actions_or_neighbours(user):
     assert (run(noisy, 1, seed=6)[1][0] != alone[0]).any()
 
 
-def test_a_noisy_observation_stays_in_its_space(user):
+def test_a_noisy_observation_stays_in_its_space(user_scenario):
     """Whatever the noise, the observation keeps its bounds, and the episode goes on."""
-    env, observations, infos = run(user(sensors={"position": 1e3, "angle": 1e3, "velocity": 1e3, "rate": 1e3}), 50)
+    env, observations, infos = run(
+        user_scenario(sensors={"position": 1e3, "angle": 1e3, "velocity": 1e3, "rate": 1e3}), 50
+    )
     assert all(env.observation_space.contains(obs) for obs in observations)
     assert (np.abs(observations) == env.observation_space.high).any()
     assert not any(info["failure"] for info in infos)
 
 
-def test_delay_shows_the_robot_of_a_period_ago(user):
+def test_delay_shows_the_robot_of_a_period_ago(user_scenario):
     """Late sensors show the last state against the present desired one; the reference's motion is not late."""
-    env, late, infos = run(user(sensors={"delay": 1}), 30)
+    env, late, infos = run(user_scenario(sensors={"delay": 1}), 30)
     _, clean, clean_infos = run("nominal", 30)
     assert infos[0]["drawn"] == {"delay_periods": 1.0}
     assert [info["object_error"] for info in infos] == [info["object_error"] for info in clean_infos]
@@ -162,9 +151,9 @@ def test_half_of_the_noisy_episodes_are_late():
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_blows_change_the_momentum_by_their_impulse(user, yaw):
+def test_blows_change_the_momentum_by_their_impulse(user_scenario, yaw):
     """In the drawn periods, and only there, the momentum of everything changes by the drawn impulse in base axes."""
-    file = user(duration=0.3, impulses={"count": 3, "linear": 2.0, "angular": 0.5})
+    file = user_scenario(duration=0.3, impulses={"count": 3, "linear": 2.0, "angular": 0.5})
     start = f"initial.q=[0.3, -0.2, {yaw}, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]", "initial.qd=[0, 0, 0, 0, 0, 0, 0, 0, 0]"
     env = SFFRFlexEnv(file, overrides=["object=null", *start])
     _, info = env.reset(seed=2)
@@ -186,10 +175,13 @@ def test_blows_change_the_momentum_by_their_impulse(user, yaw):
         np.testing.assert_allclose(change, [*force, angular], rtol=0, atol=1e-2 * np.abs(blow).sum() + 1e-6)
 
 
-def test_blows_hit_a_batch_as_they_hit_one(user):
+def test_blows_hit_a_batch_as_they_hit_one(user_scenario):
     """Every environment of a batch has its own blows, and scenarios of other counts may follow one another."""
     many = SFFRFlexVectorEnv(3, scenario="impulse")
-    for name, count in (("impulse", 3), (user(duration=0.1, impulses={"count": 8, "linear": 9, "angular": 1}), 8)):
+    for name, count in (
+        ("impulse", 3),
+        (user_scenario(duration=0.1, impulses={"count": 8, "linear": 9, "angular": 1}), 8),
+    ):
         env = SFFRFlexEnv(name)
         assert load_scenario(name).impulses.count == count
         _, infos = many.reset(seed=7, options={"scenario": name})

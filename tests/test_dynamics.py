@@ -7,6 +7,7 @@ import numba
 import numpy as np
 import pytest
 import scipy.linalg
+from case_study import FREQUENCIES
 from numpy.typing import NDArray
 from oracle import Oracle
 
@@ -275,16 +276,7 @@ def test_massless_panels_leave_the_robot_alone() -> None:
     assert np.abs(heavy - expected).max() > 0.05 * np.abs(expected).max()
 
 
-# The last pair of one element is the axial one. physics.md, section 6; the digits given.
-@pytest.mark.parametrize(
-    ("elements", "expected"),
-    [
-        (1, [0.70764, 1.68516, 6.61034, 7.46022, 2828.4, 3199.9]),
-        (2, [0.70529, 1.67717, 4.24163, 4.94758]),
-        (4, [0.70498, 1.67497, 4.21426, 4.92956]),
-        (8, [0.70496, 1.67479, 4.20972, 4.92420]),
-    ],
-)
+@pytest.mark.parametrize(("elements", "expected"), FREQUENCIES)
 def test_frequencies_of_the_free_robot(elements: int, expected: list[float]) -> None:
     """At the q(0) of Table IV; as many as there are elastic coordinates, rigid motion left out."""
     simulator = Simulator(load_params().with_overrides(ALONE, f"panel.elements={elements}"))

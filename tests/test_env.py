@@ -1,4 +1,4 @@
-"""`SFFRFlex-v0`: Gymnasium's contract, reproducibility, actions, and how an episode ends."""
+"""`SFFRFlex-v0`: Gymnasium's contract, reproducibility, and actions."""
 
 import json
 import pickle
@@ -13,48 +13,14 @@ import numba
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from stepping import N_ACTIONS, actions, assert_healthy, assert_same, rollout
 
 import sffr_gym
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.scenario import scenario_names
-from sffr_gym.task import REASONS, REWARDS, SIGNALS
+from sffr_gym.task import REWARDS, SIGNALS
 
 ID = "SFFRFlex-v0"
-N_ACTIONS = 15
-
-
-def actions(count, seed=0, size=0.3):
-    """Random actions that the robot survives for a while."""
-    return size * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, N_ACTIONS))
-
-
-def rollout(env, inputs):
-    """Return the outputs of consecutive steps."""
-    return [env.step(action) for action in inputs]
-
-
-def assert_same(left, right):
-    """Nested outputs are equal to the last bit, types included."""
-    assert type(left) is type(right)
-    if isinstance(left, dict):
-        assert list(left) == list(right)
-        left, right = list(left.values()), list(right.values())
-    if isinstance(left, list | tuple):
-        assert len(left) == len(right)
-        for one, other in zip(left, right, strict=True):
-            assert_same(one, other)
-    elif isinstance(left, np.ndarray):
-        np.testing.assert_array_equal(left, right, strict=True)
-    else:
-        assert left == right
-
-
-def assert_healthy(env, outputs):
-    """Check that every number of the outputs is finite and every observation lies in the space."""
-    for obs, reward, _, _, info in outputs:
-        floats = [value for value in info.values() if isinstance(value, float)]
-        assert np.isfinite(np.concatenate([obs, [reward], floats, info["applied"]])).all()
-        assert env.observation_space.contains(obs)
 
 
 @pytest.mark.parametrize("scenario", scenario_names())
@@ -240,88 +206,6 @@ def test_float32_actions_are_taken_as_they_are():
         env.reset(seed=0)
         results.append(rollout(env, actions(5).astype(np.float32).astype(kind)))
     assert_same(*results)
-
-
-def run_until_end(env, action, steps=600):
-    """Hold an action until the episode ends; outputs and the states after each step."""
-    outputs, states = [], []
-    for _ in range(steps):
-        outputs.append(env.step(action))
-        states.append(env.state())
-        if outputs[-1][2]:
-            break
-    return outputs, states
-
-
-@pytest.mark.parametrize("panel", [0, 1])
-def test_tip_beyond_range_terminates(panel):
-    """Full voltage bends a panel; the episode ends with the first state whose tip is beyond a quarter of its length."""
-    env = SFFRFlexEnv()
-    env.reset(seed=0)
-    action = np.zeros(N_ACTIONS)
-    action[3 * panel + 1] = 1.0
-    outputs, states = run_until_end(env, action)
-    assert outputs[-1][2:4] == (True, False)
-    assert outputs[-1][4]["failure"] == "panel tip beyond the model's range"
-    tips = [abs(state.qf[panel, 1]) for state in states]
-    assert max(tips[:-1]) <= 1.0 < tips[-1]
-    assert all(output[4]["failure"] == "" and output[2] is False for output in outputs[:-1])
-
-
-def test_observation_out_of_range_terminates():
-    """Thrust off the path ends the episode when a field leaves its bound; the observation returned lies on it."""
-    env = SFFRFlexEnv(overrides=["limits.position=0.05"])
-    env.reset(seed=0)
-    action = np.zeros(N_ACTIONS)
-    action[7] = -1.0
-    outputs, states = run_until_end(env, action)
-    obs, _, terminated, _, info = outputs[-1]
-    assert terminated and info["failure"] == "observation out of range"
-    assert max(np.abs(output[0][env.fields["base_error"].slice]).max() for output in outputs[:-1]) <= 0.05
-    assert obs[env.fields["base_error"].slice][1] == 0.05
-    path = env.params.path
-    desired = path.radius * (1.0 - np.cos(path.speed / path.radius * env.time))
-    assert desired - states[-2].q[1] < 0.05 < desired - states[-1].q[1]
-    assert env.observation_space.contains(obs)
-
-
-@pytest.mark.parametrize(("least", "ends"), [(0.862, False), (0.865, True), (0.9, True)])
-def test_singular_arm_terminates(least, ends):
-    """The least |sin| of the elbows counts: that of arm 2 starts at |sin 2.1| = 0.863, that of arm 1 at 0.872."""
-    env = SFFRFlexEnv(overrides=[f"limits.arm_singularity={least}"])
-    env.reset(seed=0)
-    _, _, terminated, _, info = env.step(np.zeros(N_ACTIONS))
-    assert (terminated, info["failure"]) == (ends, "singular arm" if ends else "")
-
-
-@pytest.mark.parametrize(("gap", "ends"), [(0.8e-3, False), (1.3e-3, True)])
-@pytest.mark.parametrize("axis", [0, 1])
-def test_lost_grasp_terminates(gap, ends, axis):
-    """An object pulled out of the grippers by more than the limit of 1 mm is lost."""
-    env = SFFRFlexEnv()
-    env.reset(seed=0)
-    state = env.get_state()
-    state["batch"].p[0, -3 + axis] += gap
-    env.set_state(state)
-    _, _, terminated, _, info = env.step(np.zeros(N_ACTIONS))
-    assert (terminated, info["failure"]) == (ends, "lost grasp" if ends else "")
-
-
-@pytest.mark.parametrize(("rate", "speed"), [(1e3, 0.0), (1e4, 0.0), (20.0, 1e80), (20.0, 1e200)])
-def test_overflow_ends_with_a_reason_and_without_nan(rate, speed):
-    """What blows up, by itself or from a state restored, ends with a reason, and every number returned is finite."""
-    env = SFFRFlexEnv(overrides=[f"simulation.baumgarte={rate}"])  # too fast for the steps beyond 500 / s
-    env.reset(seed=0)
-    state = env.get_state()
-    state["batch"].v[0, 3] += speed
-    env.set_state(state)
-    with np.errstate(all="ignore"):  # it overflows, inside; numpy sees it where the kernels are not compiled
-        outputs, _ = run_until_end(env, np.zeros(N_ACTIONS))
-        assert outputs[-1][2] and outputs[-1][4]["failure"] in set(REASONS.values()) - {""}
-        outputs += rollout(env, np.zeros((200, N_ACTIONS)))  # whoever steps on gets no NaN either
-    assert outputs[-1][4]["failure"] == "non-finite state"
-    assert_healthy(env, outputs)
-    assert np.isfinite(env.positions).all() and np.isfinite(env.velocities).all()
 
 
 def test_step_before_reset_raises():

@@ -1,4 +1,4 @@
-"""What each shipped scenario draws: plant and prior, path speed, sensors, faults, impulses; hashes of suites."""
+"""What each shipped scenario draws: plant and prior, path speed, sensors, faults, impulses."""
 
 import math
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import yaml
 
-from sffr_gym import ConfigError, Simulator, load_params
+from sffr_gym import ConfigError, Simulator
 from sffr_gym.config import config_dir, merge
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw, nominal
 from sffr_gym.model import pack
 from sffr_gym.monolithic import constraint_jacobian
 from sffr_gym.observation import observation_fields
-from sffr_gym.scenario import Scenario, load_scenario, scenario_names, suite_hash
+from sffr_gym.scenario import Scenario, load_scenario, scenario_names
 from sffr_gym.task import SIGNALS
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 
@@ -22,12 +22,6 @@ SHIPPED = ["degraded", "excited", "fast", "impulse", "mismatch", "noise", "nomin
 LINKS = [
     f"{arm}_link{k}" for arm, n in (("arm1", 2), ("arm2", 2), ("antenna", 1), ("camera", 1)) for k in range(1, n + 1)
 ]
-
-
-@pytest.fixture(scope="module")
-def params():
-    """Return the parameters of the case study."""
-    return load_params()
 
 
 def episodes(params, scenario, seeds=SEEDS):
@@ -250,22 +244,10 @@ def test_everything_can_be_drawn_at_once(params):
     assert len(set(random)) == len(random)
 
 
-@pytest.fixture
-def file(tmp_path):
-    """Return a function that writes a user's scenario and returns its path."""
-
-    def write(**keys):
-        path = tmp_path / "mine.yaml"
-        path.write_text(yaml.safe_dump({"name": "mine", "description": "a test's"} | keys), encoding="utf-8")
-        return str(path)
-
-    return write
-
-
-def test_the_plant_is_simulated_as_a_robot_of_its_parameters(file):
+def test_the_plant_is_simulated_as_a_robot_of_its_parameters(user_scenario):
     """States, observation, reward and measures are those of an environment whose parameters are the plant's."""
     double = [2.0, 2.0]
-    env = SFFRFlexEnv(file(plant={"EI": double, "panel_mass": double, "link_mass": double, "object": double}))
+    env = SFFRFlexEnv(user_scenario(plant={"EI": double, "panel_mass": double, "link_mass": double, "object": double}))
     masses = [f"{{mass: {2 * mass}, inertia: 1.0, length: 1.0, com: 0.5}}" for mass in (4, 3)]
     changes = ["panel.EI=40", "panel.mass=18", "object.mass=6", "object.inertia=1.0"]
     changes += [f"arms.{arm}.links=[{', '.join(masses)}]" for arm in (0, 1)]
@@ -290,9 +272,9 @@ def test_the_plant_is_simulated_as_a_robot_of_its_parameters(file):
     [("piezo", [slice(0, 3), slice(3, 6)]), ("thruster", [slice(6, 9)]), ("joint", [slice(9, 15)])],
 )
 @pytest.mark.parametrize("remaining", [0.0, 0.5])
-def test_a_fault_cuts_off_what_is_lost_of_the_limit(file, fault, lost, remaining):
+def test_a_fault_cuts_off_what_is_lost_of_the_limit(user_scenario, fault, lost, remaining):
     """An action asks for the same force as ever; what the fault leaves of the limit bounds it, and a dead one is 0."""
-    env = SFFRFlexEnv(file(faults=[{"actuators": fault, "remaining": remaining}]))
+    env = SFFRFlexEnv(user_scenario(faults=[{"actuators": fault, "remaining": remaining}]))
     limit = SFFRFlexEnv().robot.actuators.limit
     hit = set()
     for seed in range(8):
@@ -326,65 +308,3 @@ def test_a_plant_may_need_other_steps():
     assert len(steps) > 1
     with pytest.raises(ValueError, match="steps in a control period"):
         batch.reset(seed=0)
-
-
-def leaves(tree, prefix=()):
-    """Yield the path of every value of nested lists and mappings."""
-    if not isinstance(tree, dict | list):
-        yield prefix
-        return
-    for part, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
-        yield from leaves(value, (*prefix, part))
-
-
-NOT_GIVEN = {"duration": 2.5, "impulses": {"count": 1, "linear": 1.0, "angular": 1.0}}  # else an interval
-OTHER_WORD = {"piezo": "joint", "thruster": "piezo", "joint": "thruster"}
-
-
-def other_value(key, value):
-    """Return a valid value that differs from one of a scenario's file."""
-    if value is None:
-        return NOT_GIVEN.get(key, [1.0, 1.1])
-    if isinstance(value, str):
-        return OTHER_WORD.get(value, f"{value} x")
-    return value + 1 if isinstance(value, int) else 0.99 * value or 0.01
-
-
-def with_other_value(tree, path):
-    """Return a copy of a tree with another value at a path."""
-    copy = dict(tree) if isinstance(tree, dict) else list(tree)
-    part, *rest = path
-    copy[part] = with_other_value(tree[part], rest) if rest else other_value(part, tree[part])
-    return copy
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_every_value_changes_the_hash(params, name):
-    """Each value of a file is a part of its hash, as are the parameters; its wording is not."""
-    dumped = load_scenario(name).model_dump(mode="json")
-    hashes = {"as it is": load_scenario(name).hash(params)}
-    for path in leaves(dumped):
-        changed = Scenario.model_validate(with_other_value(dumped, path))
-        hashes[path] = changed.hash(params)
-    assert hashes.pop(("description",)) == hashes["as it is"]
-    assert len(set(hashes.values())) == len(hashes)
-    assert load_scenario(name).hash(params.with_overrides("panel.EI=20.5")) not in hashes.values()
-
-
-def test_a_suite_is_its_scenarios_in_any_order(params):
-    """The hash of a suite knows each of its scenarios and the parameters, but no order."""
-    suite = [load_scenario(name) for name in SHIPPED]
-    whole = suite_hash(suite, params)
-    assert len(whole) == 16 and int(whole, 16) >= 0
-    assert suite_hash(suite[::-1], params) == whole
-    smaller = {suite_hash(suite[:k] + suite[k + 1 :], params) for k in range(len(suite))}
-    assert len(smaller | {whole}) == len(suite) + 1
-    assert suite_hash(suite, params.with_overrides("reward.effort.weight=0.1")) != whole
-
-
-def test_comments_and_the_order_of_keys_do_not_change_the_hash(params, tmp_path):
-    """A file that says the same in other words has the same hash."""
-    content = yaml.safe_load((config_dir() / "scenarios" / "excited.yaml").read_text(encoding="utf-8"))
-    file = tmp_path / "other.yaml"
-    file.write_text(yaml.safe_dump(dict(reversed(content.items())), sort_keys=False), encoding="utf-8")
-    assert load_scenario(file).hash(params) == load_scenario("excited").hash(params)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 import sympy as sp
-from oracle import Oracle, floating_panel
+from case_study import make_config, random_state
+from lagrangian import floating_panel
+from oracle import Oracle
 from scipy.integrate import solve_ivp
 from sympy.physics.mechanics import dynamicsymbols
-from test_oracle import make_config, random_state
 
 from sffr_gym import load_params, monolithic
 from sffr_gym.beam import beam

@@ -1,19 +1,17 @@
-"""Evaluation: paired episodes, scores on known numbers, the table, and the run folder's files."""
+"""Evaluation: paired episodes, the table, and what of it a run folder keeps."""
 
 import csv
 import io
 import json
 import math
-import shutil
-import subprocess
 
 import pytest
 from rich.console import Console
 
 from agents import run_folder
 from agents.evaluate import COLUMNS, Evaluation, evaluate, number, remarks, table, with_right_models
-from agents.run_folder import check_folder, git_state, read_episodes, to_json, write_run, write_whole
-from agents.score import Result, costs, ratios
+from agents.run_folder import check_folder, read_episodes, write_run
+from agents.score import costs
 from baselines import make_policy
 from baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
@@ -23,42 +21,18 @@ from sffr_gym.scenario import load_scenario
 
 SEED = 1_000_003
 POLICIES = ["none", "hsc", "ahsc"]
-SHORT = """
-name: short
-description: A short episode with swinging panels.
-duration: 2.0
-panel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]
-"""
 
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory):
-    """A scenario of 2 s that draws the panels' excitation."""
-    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
-    file.write_text(SHORT)
-    return str(file)
-
-
-@pytest.fixture(scope="module")
-def evaluation(scenario):
+def evaluation(swinging):
     """Three policies on the same three episodes."""
-    return evaluate(POLICIES, scenario, episodes=3, seed=SEED)
+    return evaluate(POLICIES, swinging, episodes=3, seed=SEED)
 
 
 @pytest.fixture(scope="module")
-def failing(scenario):
+def failing(swinging):
     """One policy that fails and one that does not."""
-    return evaluate(["hsc", "random"], scenario, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
-
-
-def results(policy, *episodes):
-    """Episodes of a policy from (vibration, tracking, effort) each, None for a failed one."""
-    made = []
-    for i, values in enumerate(episodes):
-        v, e, u = values or (1e-9, 1e-9, 1e-9)
-        measures = {"vibration": v, "track_rmse": e, "piezo_effort": u}
-        made.append(Result("made-up", policy, i, measures, "" if values else "lost grasp", {}))
-    return made
+    return evaluate(["hsc", "random"], swinging, episodes=2, seed=SEED, overrides=["limits.position=0.05"])
 
 
 def printed(evaluation, width):
@@ -78,8 +52,8 @@ def test_every_policy_gets_the_same_episodes(evaluation):
     assert starts[0] == starts[1] == starts[2]
 
 
-def test_each_episode_is_the_rollout_of_its_seed(evaluation, scenario):
-    env = SFFRFlexEnv(scenario=scenario)
+def test_each_episode_is_the_rollout_of_its_seed(evaluation, swinging):
+    env = SFFRFlexEnv(scenario=swinging)
     for i in range(3):
         trajectory = rollout(env, make_policy("ahsc", env), SEED + i)
         assert evaluation.results["ahsc"][i].measures == measure(trajectory.signals, trajectory.period)
@@ -89,7 +63,7 @@ def test_summary_has_the_promised_keys_and_the_means(evaluation):
     summary = evaluation.summary()
     assert list(summary) == ["scenario", "scenario_hash", "episodes", "seed", "policies"]
     assert summary["scenario_hash"] == evaluation.scenario.hash(load_params())
-    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 3, SEED)
+    assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("swinging", 3, SEED)
     assert list(summary["policies"]) == POLICIES
     for policy, means in summary["policies"].items():
         assert list(means) == list(MEASURES)
@@ -99,17 +73,15 @@ def test_summary_has_the_promised_keys_and_the_means(evaluation):
             assert type(mean) is float
 
 
-def test_number_of_episodes_follows_what_the_scenario_draws(tmp_path):
-    quiet, drawing = tmp_path / "quiet.yaml", tmp_path / "drawing.yaml"
-    quiet.write_text("name: quiet\ndescription: Nothing.\nduration: 0.1\n")
-    drawing.write_text("name: drawing\ndescription: Shifts.\nduration: 0.1\noffset_position: 0.01\n")
-    assert evaluate(["none"], str(quiet)).episodes == 1
-    assert evaluate(["none"], str(quiet), episodes=2).episodes == 2
-    assert evaluate(["none"], str(drawing)).episodes == 10
+def test_number_of_episodes_follows_what_the_scenario_draws(user_scenario):
+    quiet, drawing = user_scenario(duration=0.1), user_scenario(duration=0.1, offset_position=0.01)
+    assert evaluate(["none"], quiet).episodes == 1
+    assert evaluate(["none"], quiet, episodes=2).episodes == 2
+    assert evaluate(["none"], drawing).episodes == 10
 
 
-def test_overrides_reach_the_result(evaluation, scenario):
-    stiffer = evaluate(["none"], scenario, episodes=1, seed=SEED, overrides=["panel.EI=30", "control.Kp=100"])
+def test_overrides_reach_the_result(evaluation, swinging):
+    stiffer = evaluate(["none"], swinging, episodes=1, seed=SEED, overrides=["panel.EI=30", "control.Kp=100"])
     assert stiffer.params.panel.EI == 30.0
     assert (
         stiffer.results["none"][0].measures["track_rmse"] > 2.0 * evaluation.results["none"][0].measures["track_rmse"]
@@ -133,48 +105,14 @@ def test_faults_are_config_errors_that_help(arguments, message):
         evaluate(**arguments)
 
 
-def test_progress_reaches_the_total_and_never_falls(scenario):
+def test_progress_reaches_the_total_and_never_falls(swinging):
     seen = []
-    evaluate(["none", "hsc"], scenario, episodes=2, seed=SEED, progress=lambda *report: seen.append(report))
+    evaluate(["none", "hsc"], swinging, episodes=2, seed=SEED, progress=lambda *report: seen.append(report))
     assert seen[0] == ("none", 0, 0)
     assert seen[-1] == ("hsc", 4000, 4000)
     done = [each[1] for each in seen]
     assert done == sorted(done)
     assert ("none", 1000, 4000) in seen and ("hsc", 3000, 4000) in seen
-
-
-def test_cost_is_the_weighted_ratio_of_suite_means():
-    own = {
-        "ahsc": results("ahsc", (1.0, 2.0, 4.0), (3.0, 2.0, 4.0)),
-        "other": results("other", (1.0, 4.0, 0.0), (1.0, 4.0, 4.0)),
-    }
-    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": 0.5}  # not (1 + 1/3) / 2
-    assert costs(own)["ahsc"] == pytest.approx(1.0)
-    assert costs(own)["other"] == pytest.approx(0.60 * 0.5 + 0.35 * 2.0 + 0.05 * 0.5)
-
-
-def test_failed_episode_counts_ten_times_the_reference_there():
-    own = {
-        "ahsc": results("ahsc", (1.0, 1.0, 1.0), (3.0, 1.0, 1.0)),
-        "other": results("other", (1.0, 1.0, 1.0), None),
-        "lost": results("lost", None, None),
-    }
-    assert ratios(own, "vibration", "ahsc")["other"] == pytest.approx((1.0 + 30.0) / 4.0)
-    assert costs(own)["lost"] == pytest.approx(10.0)
-
-
-def test_reference_that_fails_is_still_the_measure_of_all():
-    own = {"ahsc": results("ahsc", (2.0, 1.0, 1.0), None), "other": results("other", None, (4.0, 1.0, 1.0))}
-    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": pytest.approx((20.0 + 4.0) / (2.0 + 20.0))}
-    lost = {"ahsc": results("ahsc", None), "other": results("other", (1.0, 1.0, 1.0))}
-    assert all(math.isnan(cost) for cost in costs(lost).values())
-
-
-def test_ratio_to_nothing_is_one_for_nothing_and_infinite_for_something():
-    own = {"none": results("none", (1.0, 1.0, 0.0)), "off": results("off", (1.0, 1.0, 0.0))}
-    own["hsc"] = results("hsc", (1.0, 1.0, 5.0))
-    assert ratios(own, "piezo_effort", "none") == {"none": 1.0, "off": 1.0, "hsc": math.inf}
-    assert all(math.isnan(cost) for cost in costs(own).values())  # no AHSC, no cost
 
 
 @pytest.mark.parametrize("width", [80, 100, 140])
@@ -201,11 +139,10 @@ def test_table_shows_values_in_the_units_of_its_heading(evaluation):
 
 
 @pytest.fixture(scope="module")
-def heavy(tmp_path_factory):
+def heavy(user_scenario):
     """HSC and no suppression with an object that is heavier than they believe."""
-    file = tmp_path_factory.mktemp("scenario") / "heavy.yaml"
-    file.write_text("{name: heavy, description: A heavier object., duration: 2.0, plant: {object: [10.0, 20.0]}}")
-    return evaluate(["none", "hsc"], str(file), episodes=2, seed=SEED)
+    file = user_scenario(duration=2.0, plant={"object": [10.0, 20.0]})
+    return evaluate(["none", "hsc"], file, episodes=2, seed=SEED)
 
 
 def test_a_wrong_model_stands_beside_the_right_one(heavy):
@@ -234,19 +171,18 @@ def test_oracles_run_where_the_plant_is_not_the_known_one(given, run):
     assert with_right_models(given, load_scenario("degraded")) == given
 
 
-def test_an_oracle_of_the_known_plant_is_its_law(scenario):
+def test_an_oracle_of_the_known_plant_is_its_law(swinging):
     """Where nothing differs, the right model changes nothing, bit for bit."""
-    results = evaluate(["ahsc", "ahsc-oracle"], scenario, episodes=2, seed=SEED).results
+    results = evaluate(["ahsc", "ahsc-oracle"], swinging, episodes=2, seed=SEED).results
     for left, right in zip(*results.values(), strict=True):
         assert left.measures == right.measures
 
 
-def test_progress_counts_the_periods_of_each_episode(tmp_path):
+def test_progress_counts_the_periods_of_each_episode(user_scenario):
     """Episodes of different lengths add up to the total, and the title does not claim one length for all."""
-    file, seen = tmp_path / "fast.yaml", []
-    file.write_text("{name: fast, description: Fast ones., speed: [0.08, 0.12]}")
+    file, seen = user_scenario(speed=[0.08, 0.12]), []
     found = evaluate(
-        ["none"], str(file), episodes=2, seed=SEED, overrides=["path.radius=0.05"],
+        ["none"], file, episodes=2, seed=SEED, overrides=["path.radius=0.05"],
         progress=lambda _, done, total: seen.append((done, total)),
     )  # fmt: skip
     lengths = [round(result.measures["duration"] / 2e-3) for result in found.results["none"]]
@@ -290,7 +226,7 @@ def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
         result = evaluation.results[row["policy"]][int(row["seed"]) - SEED]
         assert {name: float(row[name]) for name in MEASURES} == result.measures
         assert {name: float(row[name]) for name in result.drawn} == result.drawn
-        assert row["failure"] == "" and row["scenario"] == "short"
+        assert row["failure"] == "" and row["scenario"] == "swinging"
     assert read_episodes(tmp_path / "new" / "run") == [r for p in POLICIES for r in evaluation.results[p]]
 
     manifest = json.loads(files[1].read_text())
@@ -326,12 +262,6 @@ def test_finished_run_is_kept_unless_overwriting(evaluation, tmp_path):
     assert (tmp_path / "mine.png").exists()
 
 
-def test_folder_that_cannot_be_is_refused_beforehand(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="not a folder"):
-        check_folder(tmp_path / "file" / "run")
-
-
 def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
     write_run(tmp_path, evaluation, [])
 
@@ -343,47 +273,6 @@ def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
         write_run(tmp_path, evaluation, [])
     assert sorted(each.name for each in tmp_path.rglob("*")) == ["episodes.csv", "manifest.json", "recordings"]
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 10  # the old one, whole
-
-
-def test_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
-    file = write_whole(tmp_path / "a.json", b"old")
-
-    def full(self, content):
-        with self.open("wb") as part:
-            part.write(content[:1])
-        raise OSError("no space left")
-
-    monkeypatch.setattr(type(file), "write_bytes", full)
-    with pytest.raises(OSError, match="no space"):
-        write_whole(file, b"new")
-    assert file.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_json_has_null_for_what_is_not_a_number():
-    assert json.loads(to_json({"a": [math.nan, math.inf, 1.5], "b": None})) == {"a": [None, None, 1.5], "b": None}
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_git_state_is_that_of_the_checkout_that_tracks_the_sources(tmp_path):
-    def git(*arguments):
-        identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
-        subprocess.run(["git", "-C", str(tmp_path), *identity, *arguments], check=True, capture_output=True)
-
-    source, other = tmp_path / "package", tmp_path / "ignored" / "package"
-    for folder in source, other:
-        folder.mkdir(parents=True)
-        (folder / "__init__.py").write_text("")
-    assert git_state(source) is None
-    git("init")
-    (tmp_path / ".gitignore").write_text("ignored/\n")
-    git("add", ".")
-    git("commit", "-m", "first")
-    state = git_state(source)
-    assert len(state["commit"]) == 40 and state["dirty"] is False
-    assert git_state(other) is None  # an environment that happens to lie in a checkout
-    (source / "__init__.py").write_text("changed = True\n")
-    assert git_state(source)["dirty"] is True
 
 
 def test_evaluation_refers_to_the_first_policy_without_ahsc(evaluation, failing):

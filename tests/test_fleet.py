@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 
+from sffr_gym import env as single
 from sffr_gym.batch import make_batch, start_episode, step_range
 from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet, put_robot, robot_at
@@ -73,3 +74,16 @@ def test_a_robot_of_another_structure_is_refused(overrides):
     with pytest.raises(ValueError, match="as many links, kept modes"):
         put_robot(fleet, 1, robot_of(*overrides))
     np.testing.assert_array_equal(fleet.numbers, before)
+
+
+def test_a_robot_is_packed_again_only_where_it_changes(monkeypatch):
+    """A reset draws faults and plants anew and packs those alone; afterwards the environment is as if it never had."""
+    packed = []
+    monkeypatch.setattr(single, "make_fleet", lambda robot: packed.append(robot) or make_fleet(robot))
+    env, fresh = single.SFFRFlexEnv("impulse"), single.SFFRFlexEnv("impulse")
+    for scenario, builds in (("impulse", 2), ("noise", 2), ("mismatch", 3), ("degraded", 4), ("impulse", 5)):
+        env.reset(seed=1, options={"scenario": scenario})
+        assert len(packed) == builds, scenario
+    assert env.reset(seed=2)[0].tolist() == fresh.reset(seed=2)[0].tolist()
+    assert env.step(np.full(15, 0.1))[0].tolist() == fresh.step(np.full(15, 0.1))[0].tolist()
+    assert len(packed) == 5

@@ -12,6 +12,8 @@ import pytest
 
 from sffr_gym import _jit
 
+PACKAGES = ("sffr_gym", "baselines", "verification", "agents")
+
 COMPILE_AND_LIST = """
 import importlib, pkgutil
 import gymnasium, numba, numpy as np
@@ -67,17 +69,17 @@ def test_cache_folder_follows_the_sources(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_folders", {})
     source = tmp_path / "law.py"
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 1.0\n")
-    first = _jit.cache_sources(tmp_path, "laws")
-    assert _jit._folders == {"laws": first}
+    first = _jit.cache_sources("law", tmp_path)
+    assert _jit._folders == {"law": first}
     monkeypatch.setattr(_jit, "_sources", [])
     source.write_text("from sffr_gym._jit import kernel\nGAIN = 2.0\n")
-    assert _jit.cache_sources(tmp_path, "laws") != first
+    assert _jit.cache_sources("law", tmp_path) != first
 
 
 def test_a_user_s_cache_folder_is_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", True)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    assert _jit.cache_sources(Path(_jit.__file__).parent, "sffr_gym") == tmp_path
+    assert _jit.cache_sources("sffr_gym", Path(_jit.__file__).parent) == tmp_path
 
 
 def test_caches_that_nobody_used_for_a_month_go(tmp_path, monkeypatch):
@@ -101,15 +103,43 @@ def test_import_order_does_not_matter():
     assert len(places) == 1
 
 
-def test_the_command_line_waits_for_no_kernels_of_the_benchmark():
-    """Only what a run needs must be compiled for it to start at once; ``sffr bench`` has kernels of its own."""
-    show = "print(*_jit._folders)"
-    code = f"import agents.cli; from sffr_gym import _jit; {show}; import agents.bench.rates; {show}"
+def own_cache(code, cache):
+    """What a fresh interpreter prints whose compiled code lies under ``cache``."""
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    assert [line.split() for line in done.stdout.splitlines()] == [
-        ["sffr_gym", "baselines"], ["sffr_gym", "baselines", "agents.bench"],
-    ]  # fmt: skip
+    environment["XDG_CACHE_HOME"] = str(cache)
+    return subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    ).stdout.split()
+
+
+def test_command_line_waits_for_no_kernels_but_simulator_and_controllers(tmp_path):
+    """It would announce a compilation at every run if it asked for those that only ``sffr bench`` compiles."""
+    code = """
+import agents.cli
+from sffr_gym import _jit
+print(_jit.is_compiled())
+for package in ("sffr_gym", "baselines"):
+    _jit._folders[package].mkdir(parents=True, exist_ok=True)
+    (_jit._folders[package] / "kernel.nbi").touch()
+    print(_jit.is_compiled())
+"""
+    assert own_cache(code, tmp_path) == ["False", "False", "True"]
+
+
+def test_every_file_with_kernels_is_hashed(tmp_path):
+    """Else an edit there would go unnoticed, and what is compiled of it would lie outside of the cache."""
+    root = Path(_jit.__file__).parents[1]
+    files = [path for package in PACKAGES for path in (root / package).rglob("*.py") if "\n@kernel" in path.read_text()]
+    modules = {path: ".".join(path.relative_to(root).with_suffix("").parts) for path in files}
+    assert {"sffr_gym.integrator", "baselines.mic", "agents.bench.kernels.loops"} < set(modules.values())
+    code = f"""
+import importlib, pathlib
+from sffr_gym import _jit
+for path, module in {[(str(path), module) for path, module in modules.items()]}:
+    importlib.import_module(module)
+    print(pathlib.Path(path).read_bytes() in _jit._sources and module.rpartition(".")[0] in _jit._folders)
+"""
+    assert own_cache(code, tmp_path) == ["True"] * len(files)
 
 
 @pytest.mark.parametrize("size", [0, 1, 5])

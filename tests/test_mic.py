@@ -196,10 +196,9 @@ def test_simulator_with_light_panels_obeys_the_same_law():
     np.testing.assert_allclose(xdd, wanted.object, rtol=0, atol=1e-6)
 
 
-def test_sampled_errors_decay_as_designed(tmp_path):
+def test_sampled_errors_decay_as_designed(user_scenario):
     """On a rigid plant, errors follow the double integrator under the sampled and held law for half a second."""
-    file = tmp_path / "shift.yaml"
-    file.write_text("name: shift\ndescription: shifted, not turned\noffset_position: 0.05\nduration: 0.5\n")
+    file = user_scenario(offset_position=0.05, duration=0.5)
     env = SFFRFlexEnv(file, overrides=[*LIGHT, "actuators.thruster_force=1.0e+4", "actuators.joint_torque=1.0e+4"])
     policy = make_policy("none", env)
     obs, _ = env.reset(seed=2)

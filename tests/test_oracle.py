@@ -1,52 +1,18 @@
-"""The Lagrangian oracle checks itself: M and h against its energies, and the conservation laws.
+"""The Lagrangian oracle checks itself: M and h against its energies, and the conservation laws."""
 
-The panel matrices are checked against the printed ones (Eqs. 45, 47, 48), misprints included.
-"""
-
-import copy
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.linalg
-import sympy as sp
-import yaml
+from case_study import CONFIG, FREQUENCIES, VARIANTS, make_config, random_state
 from numpy.typing import NDArray
-from oracle import Oracle, floating_panel
+from oracle import Oracle
 
 Array = NDArray[np.float64]
 
-CONFIG = yaml.safe_load((Path(__file__).parents[1] / "configs" / "sffr.yaml").read_text(encoding="utf-8"))
-VARIANTS = ["paper", "three elements", "other robot"]
 SEEDS = [0, 1, 2]
-
-
-def make_config(variant: str = "paper") -> dict[str, Any]:
-    """Return the case study, the same with finer panels, or a robot of another structure."""
-    config = copy.deepcopy(CONFIG)
-    if variant == "three elements":
-        config["panel"]["elements"] = 3
-    elif variant == "other robot":
-        config["panel"].update(elements=2, mounts=[{"name": "only", "root": [0.3, -0.7], "angle": 2.1}])
-        links = [{"mass": 1.0 + k, "length": 0.8, "inertia": 0.2 + 0.1 * k, "com": 0.3} for k in range(3)]
-        config["arms"] = [{"name": "long", "mount": [0.2, 0.4], "mount_angle": 0.7, "links": links}, config["arms"][2]]
-        config["object"] = {"mass": 2.0, "inertia": 0.3, "grasps": [{"arm": "long", "point": [0.2, -0.1]}]}
-    return config
-
-
-def random_state(oracle: Oracle, seed: int, with_object: bool = False) -> tuple[Array, Array, Array]:
-    """Return z, zd and a force Q; small axial strains, since the axial stiffness is 1e6 times that of bending."""
-    rng = np.random.default_rng(seed)
-    z, zd, Q = rng.uniform(-1.0, 1.0, (3, oracle.N))
-    if with_object:
-        z[: oracle.n_rigid] = CONFIG["initial"]["q"]
-    z[oracle.n_rigid :: 3] *= 1.0e-6
-    zd[oracle.n_rigid :: 3] *= 1.0e-3
-    for elastic in (z, zd):
-        elastic[oracle.n_rigid :] *= 0.3
-    return z, zd, Q
 
 
 def rate(function: Callable[[float], Any], step: float = 1.0e-4) -> Any:
@@ -158,15 +124,7 @@ def test_momentum_is_that_of_noether(oracle: Oracle, seed: int) -> None:
     np.testing.assert_allclose(oracle.momentum(z, zd), [p[0], p[1], z[0] * p[1] - z[1] * p[0] + p[2]], rtol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("elements", "expected"),
-    [
-        (1, [0.70764, 1.68516, 6.61034, 7.46022, 2828.4, 3199.9]),
-        (2, [0.70529, 1.67717, 4.24163, 4.94758]),
-        (4, [0.70498, 1.67497, 4.21426, 4.92956]),
-        (8, [0.70496, 1.67479, 4.20972, 4.92420]),
-    ],
-)
+@pytest.mark.parametrize(("elements", "expected"), FREQUENCIES)
 def test_frequencies_of_the_free_robot(elements: int, expected: list[float]) -> None:
     """Angular frequencies at the q(0) of Table IV, undamped and without the object."""
     config = make_config()
@@ -336,61 +294,3 @@ class TestObject:
         z = np.zeros(oracle.N)
         with pytest.raises(ValueError, match="no object"):
             oracle.constrained(z, z, np.zeros(3), np.zeros(3), z)
-
-
-class TestPrintedPanel:
-    """The paper's panel matrices against those derived from the energies, in symbols."""
-
-    def test_mass_matrix_is_eq_45_corrected(self) -> None:
-        """Eq. 45, every entry, with one misprint."""
-        p = floating_panel()
-        m, L = p.m, p.L
-        _, _, delta, q4, q5, q6 = p.q
-        S, C = sp.sin(delta), sp.cos(delta)
-        inertia = L**2 / 3 + sp.Rational(2, 3) * L * q4 + q4**2 / 3 + sp.Rational(13, 35) * q5**2
-        inertia += L**2 / 105 * q6**2 - sp.Rational(11, 105) * L * q5 * q6
-        upper = [
-            [m, 0, -m / 12 * (6 * (L + q4) * S + (6 * q5 - L * q6) * C), m / 2 * C, -m / 2 * S, m * L / 12 * S],
-            # Misprint: the printed row ends with (m L / 12) C and -(m L / 12) S; it is one entry, -(m L / 12) C.
-            [m, m / 12 * (6 * (L + q4) * C - (6 * q5 - L * q6) * S), m / 2 * S, m / 2 * C, -m * L / 12 * C],
-            [m * inertia, m / 20 * (-7 * q5 + L * q6), m / 20 * (7 * L + 7 * q4), -m / 20 * (L**2 + L * q4)],
-            [m / 3, 0, 0],
-            [sp.Rational(13, 35) * m, -sp.Rational(11, 210) * m * L],
-            [m * L**2 / 105],
-        ]
-        for row, entries in enumerate(upper):
-            for offset, entry in enumerate(entries):
-                column = row + offset
-                assert sp.simplify(p.M[row, column] - entry) == 0, (row, column)
-                assert sp.simplify(p.M[column, row] - entry) == 0, (column, row)
-
-    def test_stiffness_is_eq_47(self) -> None:
-        """Eq. 47 as printed."""
-        p = floating_panel()
-        EA, EI, L = p.EA, p.EI, p.L
-        K = sp.diag(sp.zeros(3), EA / L, sp.Matrix([[12 * EI / L**3, -6 * EI / L**2], [-6 * EI / L**2, 4 * EI / L]]))
-        assert sp.simplify(p.K - K) == sp.zeros(6)
-
-    def test_velocity_vector_is_eq_48_corrected(self) -> None:
-        """Eq. 48 with two misprints; delta_0^2 is read as the square of the rate throughout."""
-        p = floating_panel()
-        m, L, rate_ = p.m, p.L, p.qd[2]
-        _, _, delta, q4, q5, q6 = p.q
-        v4, v5, v6 = p.qd[3:]
-        S, C, F = sp.sin(delta), sp.cos(delta), sp.Rational
-        a, b = 6 * (L + q4), 6 * q5 - L * q6
-        va, vb = 6 * v4, 6 * v5 - L * v6
-        rest = q4 * v4 / 3 + F(13, 35) * v5 * q5 - F(11, 210) * L * (v6 * q5 + v5 * q6) + L**2 / 105 * v6 * q6
-        rows = [
-            m * rate_**2 / 12 * (a * C - b * S) + m * rate_ / 6 * (va * S + vb * C),
-            m * rate_**2 / 12 * (a * S + b * C) + m * rate_ / 6 * (-va * C + vb * S),
-            -2 * m * rate_ * (L / 3 * v4 + rest),  # misprint: 1/3 for L/3
-            m * rate_**2 * (L / 3 + q4 / 3) + 2 * m * rate_ * (F(7, 20) * v5 - L / 20 * v6),  # misprint: 1/3 for L/3
-            m * rate_**2 * (F(13, 35) * q5 - F(11, 210) * L * q6) + 2 * m * rate_ * (-F(7, 20) * v4),
-            m * rate_**2 * (L**2 / 105 * q6 - F(11, 210) * L * q5) + 2 * m * rate_ * (L / 20 * v4),
-        ]
-        for row, entry in enumerate(rows):
-            assert sp.simplify(p.Q_v[row] - entry) == 0, row
-        printed = [-2 * m * rate_ * (v4 / 3 + rest), rows[3] + m * rate_**2 * (1 - L) / 3]
-        for row, entry in zip((2, 3), printed, strict=True):
-            assert sp.simplify(p.Q_v[row] - entry) != 0, row

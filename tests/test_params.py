@@ -1,22 +1,18 @@
-"""Loading, validation, overrides and identity of the parameters."""
+"""The parameters: every key of the file is read, and nothing else; their identity and plain form."""
 
 import json
 import math
 import pickle
 import re
-import textwrap
 
-import numpy as np
 import pytest
 import yaml
+from plain_params import LEAVES, PATCHES, TIP, flatten, message_or_nothing, refusal, shipped_tree
 from pydantic import BaseModel, ValidationError
 
-from sffr_gym import config
-from sffr_gym.params import Base, ConfigError, Params, config_dir, load_params
+from sffr_gym.params import Base, ConfigError, Params, load_params
 
-SHIPPED = config_dir() / "sffr.yaml"
 OTHER_WORDS = {"fixed": "tangent", "etdrk4": "rk4", "auto": "all", "exact": "staggered", "generalized": "tip"}
-PATCHES, TIP = "actuators.piezo.patches", "actuators.piezo.tip"
 # Keys that another one refers to change together with it.
 TOGETHER = {
     "arms.0.name": {"arms.0.name": "first", "object.grasps.0.arm": "first"},
@@ -31,14 +27,6 @@ TOGETHER = {
 }
 
 
-def flatten(tree, prefix=""):
-    """Return {dotted key: leaf} of nested mappings and lists."""
-    if not isinstance(tree, dict | list):
-        return {prefix: tree}
-    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
-    return {key: leaf for part, value in items for key, leaf in flatten(value, f"{prefix}.{part}".lstrip(".")).items()}
-
-
 def sections(tree, prefix=""):
     """Return the dotted keys of all the mappings below the root, with their own keys."""
     found = {prefix: list(tree)} if isinstance(tree, dict) else {}
@@ -46,11 +34,6 @@ def sections(tree, prefix=""):
     for part, value in items:
         found |= sections(value, f"{prefix}.{part}".lstrip("."))
     return found
-
-
-def shipped_tree():
-    """Return the shipped file as PyYAML's own loader reads it."""
-    return yaml.safe_load(SHIPPED.read_text())
 
 
 def put(tree, key, value):
@@ -68,37 +51,7 @@ def other_value(leaf):
     return leaf + 1 if isinstance(leaf, int) else leaf * 1.01 if leaf else 0.01
 
 
-def write(folder, text):
-    """Write a user's file and return its path."""
-    path = folder / "mine.yaml"
-    path.write_text(textwrap.dedent(text))
-    return path
-
-
-LEAVES = flatten(shipped_tree())
 KEYS = [(section, name) for section, names in sections(shipped_tree()).items() for name in names]
-
-
-@pytest.fixture(scope="module")
-def params():
-    """Return the shipped case study."""
-    return load_params()
-
-
-def refusal(params, *assignments):
-    """Return the message that refuses some overrides."""
-    with pytest.raises(ConfigError) as caught:
-        params.with_overrides(*assignments)
-    return str(caught.value)
-
-
-def message_or_nothing(params, assignment):
-    """Return the message that refuses an override, or nothing."""
-    try:
-        params.with_overrides(assignment)
-    except ConfigError as error:
-        return str(error)
-    return ""
 
 
 def test_loaded_values_are_those_of_the_file(params):
@@ -182,316 +135,6 @@ def test_integer_and_float_give_the_same_object(params):
     assert whole == real
     assert whole.hash() == real.hash()
     assert isinstance(whole.panel.EI, float)
-
-
-POSITIVE = """base.mass base.inertia base.side arms.0.links.1.mass arms.0.links.1.length
-    arms.0.links.1.inertia panel.mass panel.length panel.EI panel.area panel.axial_cut panel.bending_cut
-    object.mass object.inertia actuators.thruster_force actuators.thruster_torque actuators.joint_torque
-    actuators.piezo.force actuators.piezo.moment actuators.piezo.voltage path.radius path.speed control.period
-    control.Kp control.Kd suppression.psi simulation.max_step limits.tip limits.arm_singularity limits.grasp_gap
-    limits.position limits.angle limits.velocity limits.rate reward.tracking.scale reward.vibration.scale
-    reward.effort.scale""".split()
-NON_NEGATIVE = """arms.0.links.0.com panel.strain_rate_damping suppression.B0.1 suppression.Gamma.2 simulation.baumgarte
-    reward.tracking.weight reward.vibration.weight reward.effort.weight""".split()
-
-
-@pytest.mark.parametrize("key", POSITIVE)
-def test_positive_quantities(params, key):
-    """Zero and below are refused, just above is not."""
-    assert f"{key} = 0: must be greater than 0 (" in refusal(params, f"{key}=0")
-    assert f"{key} = -3.0: must be greater than 0 (" in refusal(params, f"{key}=-3.0")
-    params.with_overrides(f"{key}=1e-3", "arms.0.links.1.com=0", "control.period=1e-6")
-
-
-@pytest.mark.parametrize("key", NON_NEGATIVE)
-def test_nonnegative_quantities(params, key):
-    """Zero is accepted, below is not."""
-    assert f"{key} = -1e-09: must be at least 0 (" in refusal(params, f"{key}=-1e-9")
-    assert flatten(params.with_overrides(f"{key}=0").to_dict())[key] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("assignment", "reason"),
-    [
-        ("panel.E=60.0", r"must be at least 1e\+06 \(.*\[Pa\]\)"),
-        ("panel.area=16.0", r"must be at most 1 \(.*\[m2\]\)"),
-        ("panel.mounts.0.angle=90", r"must be at most 6\.28\d* \(.*\[rad\]\)"),
-        ("arms.2.mount_angle=-180", r"must be at least -6\.28\d* \(.*\[rad\]\)"),
-        ("control.period=2.0", r"must be at most 0\.1 \(.*\[s\]\)"),
-        ("simulation.max_step=2.0", r"must be at most 0\.1 \(.*\[s\]\)"),
-        ("limits.arm_singularity=1", r"must be less than 1 \("),
-        ("panel.elements=0", r"must be at least 1 \("),
-        ("panel.elements=65", r"must be at most 64 \("),
-        ("panel.elements=2.0", r"must be a whole number \("),
-        ("arms.0.links.1.com=1.01", r"must be at most the link's length 1 \[m\]"),
-        ("path.heading=off", r"must be 'fixed' or 'tangent' \("),
-        ("simulation.coupling=both", r"must be 'exact' or 'staggered' \("),
-        ("simulation.integrator=euler", r"must be 'etdrk4' or 'rk4' \("),
-        ("actuators.piezo.array=none", r"must be 'generalized', 'patches' or 'tip' \("),
-        (f"{PATCHES}=[]", r"must have at least 1 entry \("),
-        (f"{PATCHES}=[[0.2, 0.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
-        (f"{PATCHES}=[[0.0, 0.2], [0.1, 0.3]]", r"must be spans .*none beginning before the last one ends"),
-        (f"{TIP}=[[0.9, 1.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
-        (f"{TIP}=[[-0.1, 0.1]]", r"must be spans \[from, to\] with 0 <= from < to <= 1"),
-        ("suppression.coordinates=[]", r"must be auto, all, or a list"),
-        ("suppression.coordinates=[q5, q5]", r"must be auto, all, or a list"),
-        ("suppression.coordinates=[q5, q7]", r"must be auto, all, or a list"),
-        ("suppression.coordinates=q5", r"must be auto, all, or a list"),
-        ("suppression.B0=[1, 2]", r"must have 3 entries, has 2 \("),
-        ("suppression.Gamma=[1, 2, 3, 4]", r"must have 3 entries, has 4 \("),
-        ("arms.0.mount=[1]", r"must have 2 entries, has 1 \("),
-        ("arms.0.links=[]", r"must have at least 1 entry \("),
-        ("object.grasps=[]", r"must have at least 1 entry \("),
-        ("panel=", r"must be a mapping of keys to values \("),
-        ("arms={}", r"must be a list \("),
-        ("arms.3.name=''", r"must not be empty \("),
-        ("arms.3.name=arm2", r"must be unique"),
-        ("panel.mounts.1.name=left", r"must be unique"),
-        ("object.grasps.0.arm=arm9", r"must be the name of an arm \(arm1, arm2, antenna, camera\)"),
-        ("object.grasps.0.arm=camera", r"must be an arm of at least 2 links"),
-        ("object.grasps.1.arm=arm1", r"must be another arm"),
-        ("initial.q=[0, 0, 0]", r"must have 9 entries, 3 of the base and 6 of the joints, has 3"),
-        ("initial.qd=[0, 0, 0]", r"must have 9 entries, 3 of the base and 6 of the joints, has 3"),
-        ("initial.qf=[0, 0]", r"must have 3 entries, has 2 \("),
-        ("initial.qf=[[0, 0, 0]]", r"must have 3 numbers for all the panels or 2 lists of 3, one for each; has 1"),
-        ("initial.qfd=[[0, 0, 0]]", r"must have 3 numbers for all the panels or 2 lists of 3, one for each; has 1"),
-        ("initial.qfd=a", r"must be a list \("),
-        ("control.period=7.0e-3", r"must be less than 0\.006667 \[s\] with Kp = 900 and"),
-    ],
-)
-def test_refused_values(params, assignment, reason):
-    """The message names the override, the key, the value and what is allowed."""
-    key = assignment.partition("=")[0]
-    assert re.search(
-        rf"^override '{re.escape(assignment)}': {re.escape(key)} = .+: {reason}", refusal(params, assignment)
-    )
-
-
-@pytest.mark.parametrize(
-    "assignments",
-    [
-        ("suppression.coordinates=all",),
-        ("suppression.coordinates=[q6, q5]",),
-        ("initial.qf=[[0, 0.1, 0], [0, -0.1, 0]]",),
-        ("panel.mounts=[]",),
-        ("panel.mounts=[]", "initial.qf=[]"),
-        ("object=null", "arms=[]", "initial.q=[0, 0, 0]", "initial.qd=[0, 0, 0]"),
-        ("arms.0.mount_angle=-6.28", "control.period=6.6e-3", "panel.elements=64", "arms.0.links.0.com=1.0"),
-        ("control.Kp=1.0e6", "control.period=0.5e-3"),
-    ],
-)
-def test_accepted_variants(params, assignments):
-    """Variants that the checks must let through, and that survive a round trip."""
-    variant = params.with_overrides(*assignments)
-    assert variant != params
-    assert Params.model_validate(variant.to_dict()) == variant
-
-
-def sampled_loop_radius(Kp, Kd, period):
-    """Spectral radius of a double integrator under ``u = -Kp e - Kd ed``, held over a period."""
-    free = np.array([[1.0, period], [0.0, 1.0]])
-    held = np.array([[period**2 / 2], [period]])
-    return np.abs(np.linalg.eigvals(free - held @ [[Kp, Kd]])).max()
-
-
-@pytest.mark.parametrize(("Kp", "Kd"), [(900.0, 300.0), (1.0e6, 300.0), (2.0e4, 100.0)])
-def test_control_period_against_gains(params, Kp, Kd):
-    """The longest period is the one at which the sampled error dynamics gets unstable."""
-    longest = params.with_overrides(
-        f"control.Kp={Kp}", f"control.Kd={Kd}", "control.period=1e-4"
-    ).control.longest_period
-    assert sampled_loop_radius(Kp, Kd, 0.999 * longest) < 1.0 < sampled_loop_radius(Kp, Kd, 1.001 * longest)
-
-
-def test_control_period_that_is_too_long_is_refused(params):
-    """The message names the key to blame, the value and the limit."""
-    message = refusal(params, "control.Kd=1100")
-    assert message.startswith("override 'control.Kd=1100': control.period = 0.002: must be less than 0.001818 [s]")
-
-
-def test_overrides_are_made_in_turn_and_validated_together(params):
-    """Later ones win, partners are checked only at the end, and mappings merge while lists replace."""
-    assert params.with_overrides("panel.EI=1", "panel.EI=2").panel.EI == 2.0
-    assert params.with_overrides("panel={EI: 3, mass: 2}").panel == params.panel.model_copy(
-        update={"EI": 3.0, "mass": 2.0}
-    )
-    moved = params.with_overrides("arms.1.mount=[1, 2]", " arms.0.links.1.mass = 3.3")
-    assert moved.arms[1].mount == (1.0, 2.0)
-    assert [link.mass for link in moved.arms[0].links] == [4.0, 3.3]
-    assert params == load_params()
-    assert params.with_overrides() == params
-
-
-def test_object_can_be_left_out_and_put_back(params):
-    """Null removes the object; a whole one can replace null, a part of it cannot."""
-    free = params.with_overrides("object=null")
-    assert free.object is None
-    whole = f"object={json.dumps(params.to_dict()['object'])}"
-    assert free.with_overrides(whole) == params
-    assert "there are no keys in 'object', which is null" in refusal(free, "object.mass=3")
-    assert "object.grasps: missing" in refusal(free, "object={mass: 3, inertia: 1}")
-
-
-@pytest.mark.parametrize(
-    ("assignment", "reason"),
-    [
-        ("panel.EI", "must be key=value"),
-        ("=3", "must be key=value"),
-        ("panel..EI=3", "must be key=value"),
-        ("panel.EI=[1,", "cannot be read as YAML"),
-        ("panel={EI: 1, EI: 2}", "key 'EI' is given twice"),
-        ("suppression.B0=&a [*a]", "refers to itself"),
-        ("arms.4.name=a", "arms.4: no such entry; 'arms' has 4, counted from 0"),
-        ("arms.-1.name=a", "arms.-1: no such entry"),
-        ("panel.EI.x=3", "panel.EI.x: there are no keys in 'panel.EI', which is 20.0"),
-        ("pannel.EI=3", "pannel: unknown key; did you mean 'panel'?"),
-        ("control.kp=3", "control.kp: unknown key; did you mean 'Kp'?"),
-        ("EI=3", "EI: unknown key; did you mean 'panel.EI'?"),
-        ("mass=3", "mass: unknown key (known: base, arms,"),
-        ("~=3", "~: unknown key (known: base, arms,"),
-        ("panel={1: 2}", "panel.1: keys must be texts"),
-        ("arms.0.links.0={masss: 3}", "arms.0.links.0.masss: unknown key; did you mean 'mass'?"),
-    ],
-)
-def test_malformed_overrides(params, assignment, reason):
-    """The message names the override and what is wrong with it."""
-    message = refusal(params, assignment)
-    assert message.startswith(f"override '{assignment}': ")
-    assert reason in message
-
-
-def test_blame_falls_on_the_right_override(params):
-    """Each fault names the override that made it, or all of them where none did alone."""
-    lines = refusal(params, "panel.EI=-1", "path.speed=2", "path.radius=-2").splitlines()
-    assert len(lines) == 2
-    assert lines[0].startswith("override 'panel.EI=-1': panel.EI = -1")
-    assert lines[1].startswith("override 'path.radius=-2': path.radius = -2")
-    lines = refusal(params, "panel={EI: -1}", "arms=[{}]", "suppression.B0=[1]").splitlines()
-    assert [line.partition(" (")[0] for line in lines] == [
-        *(f"override 'arms=[{{}}]': arms.0.{key}: missing" for key in ("name", "mount", "mount_angle", "links")),
-        "override 'panel={EI: -1}': panel.EI = -1: must be greater than 0",
-        "override 'suppression.B0=[1]': suppression.B0 = [1]: must have 3 entries, has 1",
-    ]
-    assert refusal(params, "panel.EI=-1", "panel.EI=-2").startswith("override 'panel.EI=-2': panel.EI = -2")
-    assert refusal(params, "path.speed=2", "control.Kd=1100").startswith(
-        "override 'path.speed=2', override 'control.Kd=1100': control.period = 0.002"
-    )
-
-
-def test_partial_file_is_laid_over_the_shipped_one(params, tmp_path):
-    """Mappings merge at every depth, lists replace whole, and a bare exponent is a number."""
-    path = write(
-        tmp_path,
-        """
-        panel: {EI: 3e-4, mounts: [{name: only, root: [0, 0], angle: 0}]}
-        actuators:
-          piezo: {voltage: 1e2}
-        """,
-    )
-    expected = LEAVES | {"panel.EI": 3e-4, "actuators.piezo.voltage": 100.0}
-    expected = {key: leaf for key, leaf in expected.items() if not key.startswith("panel.mounts")}
-    mount = {"name": "only", "root.0": 0.0, "root.1": 0.0, "angle": 0.0}
-    expected |= {f"panel.mounts.0.{key}": leaf for key, leaf in mount.items()}
-    assert flatten(load_params(path).to_dict()) == expected
-    assert load_params(str(path)).n_panels == 1
-    assert load_params(write(tmp_path, "{}")) == params
-
-
-def test_faults_of_a_file_are_all_listed_with_their_lines(tmp_path):
-    """One line each, with file, line, dotted key, value and what is allowed."""
-    path = write(
-        tmp_path,
-        """\
-        panel:
-          lenght: 4.0
-          EI: -3.0
-        arms:
-          - name: one
-            mount: [0, 0]
-            mount_angle: 0
-            links:
-              - {mass: 1, length: 1, inertia: 1, com: 0}
-              - {length: 1, inertia: 1, com: 0}
-        """,
-    )
-    with pytest.raises(ConfigError) as caught:
-        load_params(path)
-    lines = str(caught.value).splitlines()
-    assert sorted(line.partition(" (")[0] for line in lines) == [
-        f"{path}:10: arms.0.links.1.mass: missing",
-        f"{path}:2: panel.lenght: unknown key; did you mean 'length'?",
-        f"{path}:3: panel.EI = -3.0: must be greater than 0",
-    ]
-
-
-def test_fault_at_a_shipped_key_names_the_file_that_made_it(tmp_path):
-    """A file whose gains or arms do not fit the shipped rest is blamed, without a line that it does not have."""
-    path = write(tmp_path, "control: {Kd: 1100}\narms: []\n")
-    with pytest.raises(ConfigError) as caught:
-        load_params(path)
-    assert str(caught.value).startswith(f"{path}:1: control.period = 0.002: must be less than 0.001818 [s]")
-    path = write(tmp_path, "\narms: []\n")
-    with pytest.raises(ConfigError) as caught:
-        load_params(path)
-    assert str(caught.value).startswith(f"{path}: object.grasps.0.arm = 'arm1': must be the name of an arm (there is")
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("panel:\n  EI: 3\n  mass: 2\n  EI: 4\n", ":4: cannot be read as YAML: key 'EI' is given twice"),
-        ("panel: {}\npanel: {}\n", ":2: cannot be read as YAML: key 'panel' is given twice"),
-        ("panel: [1\npath: 2\n", ":2: cannot be read as YAML: "),
-        ("panel: &a {mounts: [*a]}\n", ": cannot be read: something in it refers to itself"),
-        ("base: !!python/object/apply:os.getcwd []\n", ":1: cannot be read as YAML: "),
-        ("base: !!bool maybe\n", ": cannot be read as YAML: "),
-        ("base: !!timestamp maybe\n", ": cannot be read as YAML: "),
-        ("a: \x00\n", ": cannot be read as YAML: "),
-        ("- 1\n", ": must hold a mapping of keys to values, has [1]"),
-        ("", ": must hold a mapping of keys to values, has null"),
-        ("panel:\n  elements: 010\n", ":2: panel.elements = 10.0: must be a whole number"),
-        ("path:\n  speed: 1:30\n", ":2: path.speed = '1:30': must be a number"),
-        ("path:\n  heading: yes\n", ":2: path.heading = 'yes': must be 'fixed' or 'tangent'"),
-    ],
-)
-def test_unreadable_files(tmp_path, text, reason):
-    """Each is refused with the file's name and, where there is one, the line."""
-    path = tmp_path / "mine.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        load_params(path)
-    assert str(caught.value).startswith(f"{path}{reason}")
-
-
-def test_anchors_and_merge_keys_work(params, tmp_path):
-    """A merged key that is given again is no duplicate."""
-    path = write(tmp_path, "reward:\n  tracking: &t {weight: 2, scale: 3}\n  effort: {<<: *t, scale: 4}\n")
-    reward = load_params(path).reward
-    assert (reward.effort.weight, reward.effort.scale, reward.tracking.scale) == (2.0, 4.0, 3.0)
-    assert reward.vibration == params.reward.vibration
-
-
-def test_names_of_shipped_and_missing_files(params, tmp_path, monkeypatch):
-    """A bare name finds the shipped file, unless the user has one of that name; anything else is refused."""
-    monkeypatch.chdir(tmp_path)
-    assert load_params("sffr") == load_params("sffr.yaml") == load_params(SHIPPED) == params
-    with pytest.raises(ConfigError, match=r"^sfr: no such file; did you mean 'sffr'\? \(shipped: .*sffr"):
-        load_params("sfr")
-    with pytest.raises(ConfigError, match=r"no such file"):
-        load_params(tmp_path)
-    with pytest.raises(ConfigError, match=r"no such file"):
-        load_params("elsewhere/sffr.yaml")
-    (tmp_path / "sffr.yaml").write_text("path: {speed: 2}")
-    assert load_params("sffr.yaml").path.speed == 2.0
-
-
-def test_folder_of_the_shipped_files(tmp_path, monkeypatch):
-    """It is the one inside an installed package, or else the one beside the package."""
-    (tmp_path / "sffr_gym").mkdir()
-    monkeypatch.setattr(config, "__file__", str(tmp_path / "sffr_gym" / "config.py"))
-    assert config_dir() == tmp_path / "configs"
-    (tmp_path / "sffr_gym" / "configs").mkdir()
-    assert config_dir() == tmp_path / "sffr_gym" / "configs"
 
 
 def test_objects_are_immutable_hashable_and_pickle(params):

@@ -21,7 +21,6 @@ from sffr_gym.vector_env import SFFRFlexVectorEnv
 Array = NDArray[np.float64]
 
 ARRAYS = {"generalized": 3, "patches": 8, "tip": 2}  # channels of a panel
-SHORT = "{name: short, description: swinging panels, duration: 1.0, panel_modes: [{mode: 1, amplitude: [0.1, 0.1]}]}"
 
 
 def robot(array: str, *overrides: str) -> Params:
@@ -146,14 +145,13 @@ def test_channels_saturate_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("array", ["patches", "tip"])
-def test_hsc_in_environment_batch_and_evaluation(array: str, tmp_path) -> None:
+def test_hsc_in_environment_batch_and_evaluation(array: str, user_scenario) -> None:
     """Action space, batch against single, efforts by the channels' number, and less vibration with root patches."""
-    file = tmp_path / "short.yaml"
-    file.write_text(SHORT)
+    file = user_scenario(duration=1.0, panel_modes=[{"mode": 1, "amplitude": [0.1, 0.1]}])
     overrides = [f"actuators.piezo.array={array}"]
     env, batch = (
-        SFFRFlexEnv(str(file), overrides=overrides),
-        SFFRFlexVectorEnv(2, scenario=str(file), overrides=overrides),
+        SFFRFlexEnv(file, overrides=overrides),
+        SFFRFlexVectorEnv(2, scenario=file, overrides=overrides),
     )
     n_c = ARRAYS[array]
     assert env.action_space.shape == (2 * n_c + 9,) and batch.action_space.shape == (2, 2 * n_c + 9)
@@ -164,7 +162,7 @@ def test_hsc_in_environment_batch_and_evaluation(array: str, tmp_path) -> None:
         all_obs, *_ = batch.step(many(all_obs))
         np.testing.assert_array_equal(all_obs[0], obs)
     assert info["piezo_square"] == pytest.approx(np.sum(info["applied"][: 2 * n_c] ** 2)) and info["piezo_square"] > 0
-    found = evaluate(["none", "hsc"], str(file), episodes=1, seed=1_000_000, overrides=overrides).results
+    found = evaluate(["none", "hsc"], file, episodes=1, seed=1_000_000, overrides=overrides).results
     none, hsc = (found[policy][0].measures for policy in ("none", "hsc"))
     assert hsc["piezo_effort"] > 0.0 and hsc["piezo_saturation"] > 0.1
     assert (hsc["vibration"] < 0.99 * none["vibration"]) is (array == "patches")

@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import scipy.linalg
-import yaml
 
 from sffr_gym import ConfigError, Simulator
 from sffr_gym.env import SFFRFlexEnv
@@ -16,18 +15,6 @@ from sffr_gym.scenario import load_scenario
 ID = "SFFRFlex-v0"
 SEEDS = range(40)
 TABLE_IV = [0, 0, 0, 0.6, 4.2, 5.6, 2.1, np.pi / 7, np.pi / 36]
-
-
-@pytest.fixture
-def user_scenario(tmp_path):
-    """Return a function that writes a scenario of a user and returns its path."""
-
-    def write(**keys):
-        file = tmp_path / "mine.yaml"
-        file.write_text(yaml.safe_dump({"name": "mine", "description": "a test's"} | keys), encoding="utf-8")
-        return str(file)
-
-    return write
 
 
 @pytest.fixture(scope="module")

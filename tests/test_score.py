@@ -16,6 +16,7 @@ from agents.score import (
     counted,
     episode_terms,
     ratio,
+    ratios,
 )
 from agents.statistics import Estimate, interquartile_mean
 from sffr_gym import ConfigError
@@ -69,6 +70,40 @@ def test_cost_of_an_episode_by_hand():
     terms = episode_terms(two)
     np.testing.assert_allclose(cost_of_episodes(terms["other"]), [0.6 * 3.0 + 0.35 * 0.5 + 0.05, 10.0])
     np.testing.assert_array_equal(cost_of_episodes(terms["ahsc"]), 1.0)
+
+
+def test_cost_is_the_weighted_ratio_of_suite_means():
+    own = {
+        "ahsc": episodes("s", "ahsc", (1.0, 2.0, 4.0), (3.0, 2.0, 4.0)),
+        "other": episodes("s", "other", (1.0, 4.0, 0.0), (1.0, 4.0, 4.0)),
+    }
+    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": 0.5}  # not (1 + 1/3) / 2
+    assert costs(own)["ahsc"] == pytest.approx(1.0)
+    assert costs(own)["other"] == pytest.approx(0.60 * 0.5 + 0.35 * 2.0 + 0.05 * 0.5)
+
+
+def test_failed_episode_counts_ten_times_the_reference_there():
+    own = {
+        "ahsc": episodes("s", "ahsc", (1.0, 1.0, 1.0), (3.0, 1.0, 1.0)),
+        "other": episodes("s", "other", (1.0, 1.0, 1.0), None),
+        "lost": episodes("s", "lost", None, None),
+    }
+    assert ratios(own, "vibration", "ahsc")["other"] == pytest.approx((1.0 + 30.0) / 4.0)
+    assert costs(own)["lost"] == pytest.approx(10.0)
+
+
+def test_reference_that_fails_is_still_the_measure_of_all():
+    own = {"ahsc": episodes("s", "ahsc", (2.0, 1.0, 1.0), None), "other": episodes("s", "other", None, (4.0, 1.0, 1.0))}
+    assert ratios(own, "vibration", "ahsc") == {"ahsc": 1.0, "other": pytest.approx((20.0 + 4.0) / (2.0 + 20.0))}
+    lost = {"ahsc": episodes("s", "ahsc", None), "other": episodes("s", "other", (1.0, 1.0, 1.0))}
+    assert all(math.isnan(cost) for cost in costs(lost).values())
+
+
+def test_ratio_to_nothing_is_one_for_nothing_and_infinite_for_something():
+    own = {"none": episodes("s", "none", (1.0, 1.0, 0.0)), "off": episodes("s", "off", (1.0, 1.0, 0.0))}
+    own["hsc"] = episodes("s", "hsc", (1.0, 1.0, 5.0))
+    assert ratios(own, "piezo_effort", "none") == {"none": 1.0, "off": 1.0, "hsc": math.inf}
+    assert all(math.isnan(cost) for cost in costs(own).values())  # no AHSC, no cost
 
 
 def test_episode_that_nobody_finished_tells_nothing():

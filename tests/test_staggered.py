@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 STAGGERED = ("simulation.coupling=staggered", "simulation.max_step=2.5e-4")
 BENDING = "panel.axial_cut=1"  # leaves the axial modes out
-SHORT = "{name: short, description: a short episode, duration: 0.1}"
 
 
 def end(coupling: str, step: float, *overrides: str, integrator: str = "etdrk4") -> Array:
@@ -107,11 +106,10 @@ def test_longest_step_follows_the_damping() -> None:
     np.testing.assert_allclose(np.diff(np.log2(longest)), 1.0, atol=0.26)
 
 
-def test_controllers_run_in_environment_batch_and_evaluation(tmp_path) -> None:
-    file = tmp_path / "short.yaml"
-    file.write_text(SHORT)
-    env = SFFRFlexEnv(str(file), overrides=STAGGERED)
-    batch = SFFRFlexVectorEnv(2, scenario=str(file), overrides=STAGGERED)
+def test_controllers_run_in_environment_batch_and_evaluation(user_scenario) -> None:
+    file = user_scenario(duration=0.1)
+    env = SFFRFlexEnv(file, overrides=STAGGERED)
+    batch = SFFRFlexVectorEnv(2, scenario=file, overrides=STAGGERED)
     single, many = make_policy("hsc", env), make_policy("hsc", batch)
     (obs, _), (all_obs, _) = env.reset(seed=0), batch.reset(seed=0)
     for _ in range(10):
@@ -119,7 +117,7 @@ def test_controllers_run_in_environment_batch_and_evaluation(tmp_path) -> None:
         all_obs, *_ = batch.step(many(all_obs))
         np.testing.assert_array_equal(all_obs[0], obs)
     both = [
-        evaluate(["hsc"], str(file), episodes=1, seed=1_000_000, overrides=overrides).results["hsc"][0].measures
+        evaluate(["hsc"], file, episodes=1, seed=1_000_000, overrides=overrides).results["hsc"][0].measures
         for overrides in ((), STAGGERED)
     ]
     assert both[1]["vibration"] == pytest.approx(both[0]["vibration"], rel=1e-3)

@@ -11,21 +11,12 @@ from baselines import make_policy
 from baselines.settings import Damping, load_damping
 from sffr_gym import ConfigError, config, load_params
 
-SHORT = "name: short\ndescription: Swings.\nduration: 2.0\npanel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]\n"
-
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory):
-    file = tmp_path_factory.mktemp("scenario") / "short.yaml"
-    file.write_text(SHORT)
-    return str(file)
-
-
-@pytest.fixture(scope="module")
-def found(scenario):
+def found(swinging):
     """A short search, and every pair that it tried."""
     tried = []
-    tuning = tune_hsc(load_params(), scenario, 2, 5, 9, lambda *report: tried.append(report))
+    tuning = tune_hsc(load_params(), swinging, 2, 5, 9, lambda *report: tried.append(report))
     return tuning, tried
 
 
@@ -37,29 +28,29 @@ def test_best_pair_of_all_is_kept(found):
     assert tuning.cost == pytest.approx(min(cost for _, _, cost in tried), rel=1e-4)
 
 
-def test_cost_is_that_of_an_evaluation(found, scenario):
+def test_cost_is_that_of_an_evaluation(found, swinging):
     """The same episodes under HSC with the damping found as its B0, beside AHSC with the paper's."""
     tuning, _ = found
-    own = evaluate(["hsc"], scenario, 2, 5, overrides=[f"suppression.B0=[3500, {tuning.q5}, {tuning.q6}]"])
-    reference = evaluate(["ahsc"], scenario, 2, 5)
+    own = evaluate(["hsc"], swinging, 2, 5, overrides=[f"suppression.B0=[3500, {tuning.q5}, {tuning.q6}]"])
+    reference = evaluate(["ahsc"], swinging, 2, 5)
     both = {"hsc": own.results["hsc"], "ahsc": reference.results["ahsc"]}
     assert tuning.cost == costs(both)["hsc"]
 
 
-def test_search_repeats(found, scenario):
-    assert tune_hsc(load_params(), scenario, 2, 5, 9) == found[0]
+def test_search_repeats(found, swinging):
+    assert tune_hsc(load_params(), swinging, 2, 5, 9) == found[0]
 
 
 @pytest.mark.parametrize("seeds", [(999_999, 2), (1_000_000, 1), (-1, 3), (0, 0)])
-def test_evaluation_seeds_are_refused(seeds, scenario):
+def test_evaluation_seeds_are_refused(seeds, swinging):
     seed, episodes = seeds
     with pytest.raises(ConfigError, match="training takes at least one, from 0 to 999999"):
-        tune_hsc(load_params(), scenario, episodes, seed)
+        tune_hsc(load_params(), swinging, episodes, seed)
 
 
-def test_zero_damping_is_no_start(scenario):
+def test_zero_damping_is_no_start(swinging):
     with pytest.raises(ConfigError, match="must be positive to start from"):
-        tune_hsc(load_params().with_overrides("suppression.B0=[1, 0, 1]"), scenario)
+        tune_hsc(load_params().with_overrides("suppression.B0=[1, 0, 1]"), swinging)
 
 
 def test_written_settings_are_read_back(tmp_path):
@@ -80,9 +71,9 @@ def test_policy_has_the_tuned_damping():
     assert not policy.law.suppression.Gamma.any()
 
 
-def test_command_writes_its_settings(scenario, tmp_path):
+def test_command_writes_its_settings(swinging, tmp_path):
     file = tmp_path / "tuned.yaml"
-    arguments = ["tune-hsc", "-s", scenario, "-n", "1", "--evaluations", "4", "--out", str(file)]
+    arguments = ["tune-hsc", "-s", swinging, "-n", "1", "--evaluations", "4", "--out", str(file)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     data, where = config.read_mapping(file)

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import re
 import subprocess
 import sys
 import warnings
@@ -11,11 +10,11 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-import yaml
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from stepping import N_ACTIONS
 
-from sffr_gym import ConfigError, batch
+from sffr_gym import batch
 from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw, nominal
 from sffr_gym.fleet import make_fleet
@@ -25,7 +24,6 @@ from sffr_gym.scenario import load_scenario, scenario_names
 from sffr_gym.task import REASONS, RUNNING, make_robot
 from sffr_gym.vector_env import SFFRFlexVectorEnv
 
-N_ACTIONS = 15
 SINCE_1_4 = pytest.mark.skipif(
     tuple(map(int, gym.__version__.split(".")[:2])) < (1, 4), reason="the wrapper miscounts SAME_STEP before 1.4"
 )
@@ -63,15 +61,9 @@ def assert_outputs_agree(native, single):
 
 
 @pytest.fixture
-def scenario(tmp_path):
+def scenario(user_scenario):
     """Return the path of a scenario of 0.15 s whose panels swing widely."""
-    return write(tmp_path / "swing.yaml", duration=0.15, panel_modes=[{"mode": 1, "amplitude": [0.1, 0.99]}])
-
-
-def write(file, **keys):
-    """Write a scenario's file and return its path."""
-    file.write_text(yaml.safe_dump({"name": file.stem, "description": "a test's"} | keys), encoding="utf-8")
-    return str(file)
+    return user_scenario(duration=0.15, panel_modes=[{"mode": 1, "amplitude": [0.1, 0.99]}])
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -185,25 +177,6 @@ def test_a_neighbour_that_blows_up_does_no_harm(n):
     assert (envs.status[others] == RUNNING).all() and list(alone.tick) == list(others)
 
 
-def test_integer_seeds_count_up_and_lists_are_taken_as_given():
-    """Seed s is s + i for environment i; a list names each; None keeps an environment's own stream."""
-    env = SFFRFlexVectorEnv(3, scenario="excited")
-    counted, _ = env.reset(seed=40)
-    listed, _ = env.reset(seed=[42, 41, 40])
-    np.testing.assert_array_equal(listed, counted[::-1])
-    np.testing.assert_array_equal(env.reset(seed=np.int64(40))[0], counted)
-    for i, obs in enumerate(counted):
-        np.testing.assert_array_equal(obs, SFFRFlexEnv("excited").reset(seed=40 + i)[0])
-    env.reset(seed=40)
-    mixed, _ = env.reset(seed=[None, 41, None])
-    np.testing.assert_array_equal(mixed[1], counted[1])
-    single = SFFRFlexEnv("excited")
-    single.reset(seed=42)
-    np.testing.assert_array_equal(mixed[2], single.reset()[0])
-    first, second = (SFFRFlexVectorEnv(3, scenario="excited").reset()[0] for _ in range(2))
-    assert len({obs.tobytes() for obs in [*first, *second]}) == 6
-
-
 def test_reset_mask_touches_no_other_environment(scenario):
     """A partial reset returns the present observations of the others, which go on as if nothing had happened."""
     env, undisturbed = (SFFRFlexVectorEnv(3, scenario=scenario, autoreset_mode="Disabled") for _ in range(2))
@@ -224,24 +197,6 @@ def test_reset_mask_touches_no_other_environment(scenario):
     np.testing.assert_allclose(left[4]["time"], [0.022, 0.002, 0.022], rtol=1e-12)
 
 
-def test_every_environment_needs_a_reset_before_it_steps():
-    """No step before a reset, for none of the environments: a partial first reset leaves the others without a state."""
-    env = SFFRFlexVectorEnv(2)
-    with pytest.raises(gym.error.ResetNeeded):
-        env.step(np.zeros((2, N_ACTIONS)))
-    with pytest.raises((ValueError, gym.error.ResetNeeded)):
-        env.reset(seed=0, options={"reset_mask": np.array([True, False])})
-        env.step(np.zeros((2, N_ACTIONS)))
-
-
-def test_a_new_scenario_replaces_what_was_drawn():
-    """Info names the draws of the present scenario alone."""
-    env = SFFRFlexVectorEnv(2, scenario="excited")
-    assert any(key.startswith("panel0") for key in env.reset(seed=0)[1]["drawn"])
-    assert env.reset(seed=0, options={"scenario": "nominal"})[1]["drawn"] == {}
-    assert env.scenario.name == "nominal"
-
-
 def test_a_new_scenario_for_some_replaces_what_they_drew():
     """After a partial reset into another scenario, info agrees with that of single environments, reset and step."""
     native = SFFRFlexVectorEnv(3, scenario="excited", autoreset_mode=AutoresetMode.DISABLED)
@@ -257,10 +212,9 @@ def test_a_new_scenario_for_some_replaces_what_they_drew():
         assert_outputs_agree(left, right)
 
 
-def test_a_new_scenario_keeps_the_length_of_running_episodes(tmp_path):
+def test_a_new_scenario_keeps_the_length_of_running_episodes(user_scenario):
     """A partial reset into a shorter scenario does not truncate the others."""
-    long = write(tmp_path / "long.yaml", duration=0.1)
-    short = write(tmp_path / "short.yaml", duration=0.01)
+    long, short = user_scenario(duration=0.1), user_scenario(duration=0.01)
     env = SFFRFlexVectorEnv(2, scenario=long, autoreset_mode="Disabled")
     env.reset(seed=0)
     for _ in range(6):
@@ -328,42 +282,6 @@ def test_gymnasiums_episode_statistics_work(scenario, mode):
             # With NEXT_STEP the reset takes a step of its own, which counts for no episode.
             total[done], length[done] = 0.0, -1 if mode == AutoresetMode.NEXT_STEP else 0
     assert finished > 3
-
-
-def test_bad_arguments_raise(tmp_path):
-    """Wrong sizes, masks, seeds, modes, actions and options are refused with what is allowed."""
-    with pytest.raises(ValueError, match="num_envs must be at least 1, got 0"):
-        SFFRFlexVectorEnv(0)
-    with pytest.raises(ValueError, match="render_mode"):
-        SFFRFlexVectorEnv(1, render_mode="human")
-    with pytest.raises(ValueError, match="is not a valid AutoresetMode"):
-        SFFRFlexVectorEnv(1, autoreset_mode="Sometimes")
-    with pytest.raises(ConfigError, match="did you mean 'offset'"):
-        SFFRFlexVectorEnv(1, scenario="ofset")
-    env = SFFRFlexVectorEnv(
-        3, autoreset_mode=AutoresetMode.DISABLED, scenario=write(tmp_path / "s.yaml", duration=0.002)
-    )
-    for mask in ([True, False, True], np.ones(2, dtype=bool), np.ones(3), np.ones(3, dtype=int)):
-        with pytest.raises(ValueError, match="bool array of shape"):
-            env.reset(options={"reset_mask": mask})
-    with pytest.raises(ValueError, match="at least one"):
-        env.reset(options={"reset_mask": np.zeros(3, dtype=bool)})
-    with pytest.raises(ValueError, match="3 of them, got 2"):
-        env.reset(seed=[1, 2])
-    with pytest.raises(ValueError, match="unknown reset option"):
-        env.reset(options={"mask": np.ones(3, dtype=bool)})
-    env.reset(seed=0)
-    for wrong in (np.zeros(N_ACTIONS), np.zeros((2, N_ACTIONS)), np.zeros((3, 14))):
-        with pytest.raises(ValueError, match=re.escape(f"(3, 15), got {wrong.shape}")):
-            env.step(wrong)
-    with pytest.raises(ValueError, match="NaN"):
-        env.step(np.full((3, N_ACTIONS), np.nan))
-    assert env.step(np.zeros((3, N_ACTIONS)))[3].all()
-    with pytest.raises(gym.error.ResetNeeded, match=r"\[0, 1, 2\] are done"):
-        env.step(np.zeros((3, N_ACTIONS)))
-    env.reset(options={"reset_mask": np.array([True, False, True])})
-    with pytest.raises(gym.error.ResetNeeded, match=r"\[1\] are done"):
-        env.step(np.zeros((3, N_ACTIONS)))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

@@ -6,7 +6,7 @@ held against the kernels that the simulator runs. Both sides are held against ot
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -27,6 +27,8 @@ OTHER_ROBOT = (  # another structure: a single slanted panel, mounts and angles 
     "arms.0.mount_angle=0.4", "arms.2.links.0.com=0.1",
 )  # fmt: skip
 OFF_CENTRE = ("object.grasps.0.point=[0.05, 0.11]", "object.grasps.1.point=[0.03, -0.1]")  # both beside the y axis
+
+Errors = Callable[[State, dict[str, Array]], list[float]]  # at a state under a command
 
 
 class Solution(NamedTuple):
@@ -66,65 +68,66 @@ def checks(quick: bool) -> list[partial[Check]]:
 
 def solution(name: str, params: Params, states: int) -> Check:
     """Compiled accelerations, Q_flex and grasp forces against one linear solve of all equations."""
-    sim, worst = Simulator(params), 0.0
-    for state, command in _states(sim, states):
+    sim = Simulator(params)
+
+    def errors(state: State, command: dict[str, Array]) -> list[float]:
         expected = monolithic_solution(sim, state, command)
         qdd, qfdd, objdd = sim.acceleration(state, **command)
         found = Solution(qdd, qfdd, objdd, sim.q_flex(state, **command), sim.grasp_forces(state, **command))
-        for ours, theirs in zip(found, expected, strict=True):
-            worst = max(worst, relative(ours, theirs) if theirs.size else 0.0)
-    return judge(
-        f"Coupled solution (Eqs. 2-4, 8, 40): {name}", f"one linear system, {states} random states", worst, 1.0e-12, "",
-        f"Accelerations, Q_flex and grasp forces. {ROUNDING}",
-    )  # fmt: skip
+        return [relative(ours, theirs) for ours, theirs in zip(found, expected, strict=True) if theirs.size]
+
+    name = f"Coupled solution (Eqs. 2-4, 8, 40): {name}"
+    return _judge(name, "one linear system", sim, states, errors, "Accelerations, Q_flex and grasp forces.")
 
 
 def object_force(states: int) -> Check:
     """The same with a force and moment of the surroundings on the object (F_o of Eq. 8), which the kernels take."""
-    sim, worst, rng = Simulator(load_params().with_overrides(*ALL_MODES)), 0.0, np.random.default_rng(1)
+    sim, rng = Simulator(load_params().with_overrides(*ALL_MODES)), np.random.default_rng(1)
     model, work, out = sim.model, workspace(sim.model), np.zeros(n_positions(sim.model))
-    for state, command in _states(sim, states):
+
+    def errors(state: State, command: dict[str, Array]) -> list[float]:
         command["obj"] = rng.uniform(-5.0, 5.0, 3)
         accelerations(model, *_packed(model, state, command), work, out)
         expected = monolithic_solution(sim, state, command)
-        worst = max(worst, relative(out[: len(state.q)], expected.qdd), relative(out[-3:], expected.objdd))
-    return judge(
-        "Coupled solution, force on the object", f"one linear system, {states} random states", worst, 1.0e-12, "",
-        f"Accelerations of robot and object. {ROUNDING}",
-    )  # fmt: skip
+        return [relative(out[: len(state.q)], expected.qdd), relative(out[-3:], expected.objdd)]
+
+    name = "Coupled solution, force on the object"
+    return _judge(name, "one linear system", sim, states, errors, "Accelerations of robot and object.")
 
 
 def held_force(states: int) -> Check:
     """With the base held to the Q_flex that it feels anyway, the staggered coupling gives the exact accelerations."""
-    sim, worst = Simulator(load_params().with_overrides(*ALL_MODES)), 0.0
+    sim = Simulator(load_params().with_overrides(*ALL_MODES))
     model, work = sim.model, workspace(sim.model)
     exact, held = np.zeros((2, n_positions(model)))
-    for state, command in _states(sim, states):
+
+    def errors(state: State, command: dict[str, Array]) -> list[float]:
         packed = _packed(model, state, command)
         accelerations(model, *packed, work, exact)
         work.held[:] = sim.q_flex(state, **command)[:3]
         accelerations(model, *packed, work, held, True)
-        worst = max(worst, relative(held, exact))
-    return judge(
-        "Coupled solution with Q_flex given (Fig. 1)", f"exact coupling, {states} random states", worst, 1.0e-12, "",
-        f"Accelerations of all coordinates. {ROUNDING}",
-    )  # fmt: skip
+        return [relative(held, exact)]
+
+    name = "Coupled solution with Q_flex given (Fig. 1)"
+    return _judge(name, "exact coupling", sim, states, errors, "Accelerations of all coordinates.")
 
 
 def straight_elbow(states: int) -> Check:
     """The same with an elbow as straight as the task allows, where eliminating the arm loses digits."""
-    sim, worst = Simulator(load_params().with_overrides(*ALL_MODES)), 0.0
+    sim = Simulator(load_params().with_overrides(*ALL_MODES))
     elbow = N_BASE + int(sim.model.arm_first[sim.model.grasp_arm[1]]) + 1
     least = sim.params.limits.arm_singularity
-    for state, command in _states(sim, states):
+
+    def errors(state: State, command: dict[str, Array]) -> list[float]:
         state.q[elbow] = np.arcsin(least)
         expected = monolithic_solution(sim, state, command)
         qdd, _, objdd = sim.acceleration(state, **command)
         pairs = (qdd, expected.qdd), (objdd, expected.objdd), (sim.grasp_forces(state, **command), expected.lam)
-        worst = max(worst, *(relative(ours, theirs) for ours, theirs in pairs))
+        return [relative(ours, theirs) for ours, theirs in pairs]
+
     return judge(
-        f"Coupled solution, |sin| of an elbow {least:g}", f"one linear system, {states} random states", worst, 1.0e-7,
-        "",
+        f"Coupled solution, |sin| of an elbow {least:g}", f"one linear system, {states} random states",
+        _worst(sim, states, errors), 1.0e-7, "",
         "Where an episode ends. Eliminating a straight arm is singular, though the robot is not: the error grows about "
         "as the inverse seventh power of the angle.",
     )  # fmt: skip
@@ -133,9 +136,10 @@ def straight_elbow(states: int) -> Check:
 def panel_forces(states: int) -> Check:
     """Q_flex of the compiled code against Eq. 52 (moments with the minus) from root forces in the panels' axes."""
     params = load_params().with_overrides(*ALL_MODES)
-    sim, worst = Simulator(params), 0.0
+    sim = Simulator(params)
     l_cos, l_sin = -params.panel.mounts[0].root[0], params.panel.mounts[0].root[1]
-    for state, command in _states(sim, states):
+
+    def errors(state: State, command: dict[str, Array]) -> list[float]:
         qdd, qfdd, _ = sim.acceleration(state, **command)
         V, M = np.zeros((2, 2)), np.zeros(2)
         for i in range(2):
@@ -147,10 +151,9 @@ def panel_forces(states: int) -> Check:
         (V1L, V2L), (V1R, V2R) = V
         moment = -(M[0] + M[1]) - (V2L + V2R) * l_sin + (V1L - V1R) * l_cos
         force = rotation(state.q[2]) @ [V2L - V2R, V1R - V1L]
-        worst = max(worst, relative(sim.q_flex(state, **command)[:3], [*force, moment]))
-    return judge(
-        "Q_flex of the case study", f"Eq. 52 with Eqs. 45, 48, 50, {states} random states", worst, 1.0e-12, "", ROUNDING
-    )
+        return [relative(sim.q_flex(state, **command)[:3], [*force, moment])]
+
+    return _judge("Q_flex of the case study", "Eq. 52 with Eqs. 45, 48, 50", sim, states, errors)
 
 
 def monolithic_solution(sim: Simulator, state: State, command: dict[str, Array]) -> Solution:
@@ -173,6 +176,17 @@ def monolithic_solution(sim: Simulator, state: State, command: dict[str, Array])
     H, C = monolithic.rigid_equations(model, state.q, state.qd)
     q_flex = H @ zdd[:n] + C - Q[:n] - J[:, :n].T @ lam
     return Solution(zdd[:n], zdd[n:end].reshape(state.qf.shape), zdd[end:], q_flex, lam.reshape(-1, 2))
+
+
+def _judge(name: str, against: str, sim: Simulator, states: int, errors: Errors, note: str = "") -> Check:
+    """A check of errors that are all rounding."""
+    worst = _worst(sim, states, errors)
+    return judge(name, f"{against}, {states} random states", worst, 1.0e-12, "", f"{note} {ROUNDING}".lstrip())
+
+
+def _worst(sim: Simulator, states: int, errors: Errors) -> float:
+    """The largest error at random states; NaN if one is."""
+    return float(np.max([np.max(errors(state, command)) for state, command in _states(sim, states)]))
 
 
 def _pins(sim: Simulator, state: State, size: int) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.bench.loops import forces_of, replay
+from agents.bench.kernels.loops import forces_of, replay
 from baselines import make_policy
 from baselines.closed_loop import Law, Record, run
 from baselines.policies import LawPolicy

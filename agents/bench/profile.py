@@ -16,7 +16,7 @@ import numpy as np
 
 import sffr_gym
 from agents.bench.circle import Course, close_loop, drive, make_course, make_record
-from agents.bench.loops import observe_often, solve_motion
+from agents.bench.kernels.loops import observe_often, solve_motion
 from agents.bench.measure import Contender, Row, Section, one_core, rounds, seconds
 from agents.bench.rates import PASSES, operation_times
 from baselines import make_policy

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.bench.loops import cosine, divide, multiply_add, multiply_add_chain, square_root
+from agents.bench.kernels.loops import cosine, divide, multiply_add, multiply_add_chain, square_root
 from agents.bench.measure import seconds
 
 LENGTH = 256  # of an array, which stays in the first-level cache

@@ -23,6 +23,7 @@ from agents.benchmark.standings import Standings, standings
 from agents.benchmark.tuning import EPISODES, EVALUATIONS, SCENARIO, tune_hsc, write_damping
 from agents.display import COMPILING
 from agents.evaluate import EVALUATION_SEED, number
+from agents.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName
 from agents.score import WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError
@@ -31,16 +32,6 @@ from sffr_gym.env import resolve_params
 from sffr_gym.scenario import scenario_names
 
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
-
-_Params = Annotated[
-    str | None,
-    typer.Option("--params", metavar="FILE", help="YAML file over the case study.", show_default="the case study"),
-]
-_Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a parameter, SI units, such as panel.EI=25; repeatable."),
-]
-_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -68,9 +59,7 @@ def benchmark_command(
     episodes: Annotated[
         int, typer.Option("--episodes", "-n", metavar="N", help="Episodes of each policy in each scenario.")
     ] = SUITE_EPISODES,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="K", help="Seed of the first episode; the next ones count up.")
-    ] = EVALUATION_SEED,
+    seed: FirstSeed = EVALUATION_SEED,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -87,11 +76,11 @@ def benchmark_command(
         Path | None,
         typer.Option("--docs", metavar="DIR", help="Write results.md, leaderboard.json and images/ there as well."),
     ] = None,
-    params: _Params = None,
-    overrides: _Overrides = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Start anew instead of going on.")] = False,
-    quiet: _Quiet = False,
+    quiet: Quiet = False,
 ) -> None:
     """Score policies over all scenarios, in parallel; an interrupted run goes on where it was.
 
@@ -138,9 +127,7 @@ def compare_command(
 
 
 def tune_hsc_command(
-    scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="S", help="Shipped scenario's name, or a YAML file.")
-    ] = SCENARIO,
+    scenario: ScenarioName = SCENARIO,
     episodes: Annotated[int, typer.Option("--episodes", "-n", metavar="N", help="Training episodes.")] = EPISODES,
     seed: Annotated[
         int, typer.Option("--seed", metavar="K", help=f"Seed of the first one, below {EVALUATION_SEED}.")
@@ -152,9 +139,9 @@ def tune_hsc_command(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Settings to write.", show_default="print only"),
     ] = None,
-    params: _Params = None,
-    overrides: _Overrides = None,
-    quiet: _Quiet = False,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
 ) -> None:
     """Find the constant virtual damping of HSC that costs least: the policy hsc-tuned.
 

@@ -21,13 +21,12 @@ from agents.evaluate import number
 from agents.learning.config import CONFIGS, VALIDATION_SEED, load_config
 from agents.learning.seeds import score_seeds
 from agents.learning.tune_config import load_tune
+from agents.options import Quiet
 from agents.run_folder import read_episodes
 from agents.score import REFERENCE, WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError, load_params
 from sffr_gym._jit import is_compiled
-
-_Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -111,7 +110,7 @@ def train_command(
         typer.Option("--out", "-o", metavar="DIR", help="Run folder.", show_default="runs/train-<algo>-<date-time>"),
     ] = None,
     going_on: Annotated[bool, typer.Option("--resume", help="Go on with the killed training in --out.")] = False,
-    quiet: _Quiet = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Train a schedule of the panels' damping; a killed training goes on with --resume as if nothing had happened.
 
@@ -189,7 +188,7 @@ def tune_command(
             show_default="study.journal in DIR",
         ),
     ] = None,
-    quiet: _Quiet = False,
+    quiet: Quiet = False,
 ) -> None:  # fmt: skip
     r"""Search for the settings of a training by Optuna; the same command goes on with a search that was killed.
 

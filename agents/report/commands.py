@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from agents.options import Quiet
 from agents.report.page import PAGE, report
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError
@@ -29,7 +30,7 @@ def report_command(
         typer.Option("--out", "-o", metavar="FILE", help="The page.", show_default=f"{PAGE} in the first RUN"),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     r"""Put runs into one page: scores, figures, spectra, use of the actuators, and a replay to play and to scrub.
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.bench.circle import close_loop, make_course, make_record
-from agents.bench.loops import observe_often, replay, solve_motion
+from agents.bench.kernels.loops import observe_often, replay, solve_motion
 from baselines import make_policy
 from baselines.closed_loop import act
 from sffr_gym.batch import make_batch, start_episode, step_range

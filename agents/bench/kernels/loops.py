@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from math import cos, sqrt
-from pathlib import Path
 
-from sffr_gym._jit import assign, cache_sources, kernel
+from sffr_gym._jit import assign, kernel
 from sffr_gym.actuators import generalized_forces
 from sffr_gym.dynamics import accelerations
 from sffr_gym.integrator import advance
 from sffr_gym.task import view
-
-cache_sources(Path(__file__).parent, __package__)
 
 
 @kernel

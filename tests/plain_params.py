@@ -1,0 +1,41 @@
+"""Parameters as plain data, and the messages that refuse them."""
+
+import pytest
+import yaml
+
+from sffr_gym.params import ConfigError, config_dir
+
+SHIPPED = config_dir() / "sffr.yaml"
+PATCHES, TIP = "actuators.piezo.patches", "actuators.piezo.tip"
+
+
+def flatten(tree, prefix=""):
+    """Return {dotted key: leaf} of nested mappings and lists."""
+    if not isinstance(tree, dict | list):
+        return {prefix: tree}
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    return {key: leaf for part, value in items for key, leaf in flatten(value, f"{prefix}.{part}".lstrip(".")).items()}
+
+
+def shipped_tree():
+    """Return the shipped file as PyYAML's own loader reads it."""
+    return yaml.safe_load(SHIPPED.read_text())
+
+
+LEAVES = flatten(shipped_tree())
+
+
+def refusal(params, *assignments):
+    """Return the message that refuses some overrides."""
+    with pytest.raises(ConfigError) as caught:
+        params.with_overrides(*assignments)
+    return str(caught.value)
+
+
+def message_or_nothing(params, assignment):
+    """Return the message that refuses an override, or nothing."""
+    try:
+        params.with_overrides(assignment)
+    except ConfigError as error:
+        return str(error)
+    return ""
