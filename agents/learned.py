@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 from typing import Any, Self
 
@@ -91,7 +92,7 @@ class LearnedSchedule:
 
     Attributes:
         network: for one panel, or for all at once.
-        law, rho, agent_period: the environment it was trained in; see ``SFFRFlexDampingEnv``.
+        law, rho, agent_period, base_tolerance: the environment it was trained in; see ``SFFRFlexDampingEnv``.
         obs_names, action_names: of the environment, in order.
         scaling: constants of the observation, [J], [m/s2], [m/s3].
         trained: where it comes from: algorithm, hashes of configuration and suite, seed, steps.
@@ -101,6 +102,7 @@ class LearnedSchedule:
     law: str
     rho: float
     agent_period: float
+    base_tolerance: float | None
     obs_names: tuple[str, ...]
     action_names: tuple[str, ...]
     scaling: tuple[float, float, float]
@@ -133,6 +135,7 @@ class LearnedSchedule:
         law = env.law.schedule
         return cls(
             network=network, law=env.law_name, rho=law.rho, agent_period=law.hold * env.robot.period,
+            base_tolerance=law.tolerance if isfinite(law.tolerance) else None,
             obs_names=env.obs_names, action_names=env.action_names,
             scaling=(law.energy, law.acceleration, law.acceleration_rate), trained=trained,
         )  # fmt: skip
@@ -150,7 +153,7 @@ class LearnedSchedule:
         Raises:
             ConfigError: if the robot has other panels or damped coordinates than the schedule was made for.
         """
-        law = scheduled_law(prior, self.law, self.rho, self.agent_period)
+        law = scheduled_law(prior, self.law, self.rho, self.agent_period, self.base_tolerance)
         if (observation_names(prior), action_names(prior, law)) != (self.obs_names, self.action_names):
             raise ConfigError(
                 f"{name} was made for a robot with the observations {', '.join(self.obs_names)} and the actions "
@@ -170,6 +173,7 @@ def save_schedule(file: str | os.PathLike[str], schedule: LearnedSchedule) -> No
     network = schedule.network
     about = {
         "format": FORMAT, "law": schedule.law, "rho": schedule.rho, "agent_period": schedule.agent_period,
+        "base_tolerance": schedule.base_tolerance,
         "obs_names": schedule.obs_names, "action_names": schedule.action_names, "scaling": schedule.scaling,
         "relu": network.relu, "squash": network.squash, "trained": schedule.trained,
     }  # fmt: skip
@@ -199,8 +203,10 @@ def load_schedule(file: str | os.PathLike[str]) -> LearnedSchedule:
             tuple(arrays[f"bias{k}"].astype(np.float64) for k in range(count)),
             bool(about["relu"]), bool(about["squash"]),
         )  # fmt: skip
+        tolerance = about["base_tolerance"]
         return LearnedSchedule(
-            network, about["law"], float(about["rho"]), float(about["agent_period"]), tuple(about["obs_names"]),
+            network, about["law"], float(about["rho"]), float(about["agent_period"]),
+            None if tolerance is None else float(tolerance), tuple(about["obs_names"]),
             tuple(about["action_names"]), tuple(map(float, about["scaling"])), about["trained"],  # type: ignore[arg-type]
         )  # fmt: skip
     except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:

@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Mapping
 from itertools import product
+from math import inf
 from typing import Any
 
 import gymnasium as gym
@@ -80,6 +81,8 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     - ``agent_period``: time between two actions [s], a multiple of the control period.
     - ``duration``: length of an episode [s]; None for the scenario's.
     - ``random_phase``: start anywhere on the circle.
+    - ``base_tolerance``: error of the base [m] at which an action counts half, further off less: the law by itself
+      brings the base back. None: actions always count in full.
 
     ## Version history
     - v0: first version.
@@ -96,6 +99,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         agent_period: float = AGENT_PERIOD,
         duration: float | None = DURATION,
         random_phase: bool = True,
+        base_tolerance: float | None = None,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
@@ -106,7 +110,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         super().__init__(scenario, params, overrides, render_mode)
         self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._film = make_film(render_mode, self.robot, damped=True)
-        self.law = scheduled_law(self.params, law, rho, agent_period)
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law)
@@ -160,7 +164,8 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase: as for the single one.
+        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance: as for
+            the single one.
     """
 
     def __init__(
@@ -178,6 +183,7 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         agent_period: float = AGENT_PERIOD,
         duration: float | None = DURATION,
         random_phase: bool = True,
+        base_tolerance: float | None = None,
     ) -> None:
         """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
         super().__init__(
@@ -186,7 +192,7 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         )  # fmt: skip
         self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._film = make_film(render_mode, self.robot, num_envs, damped=True)
-        self.law = scheduled_law(self.params, law, rho, agent_period)
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law)
@@ -239,12 +245,13 @@ def practice(scenario: Scenario, duration: float | None, random_phase: bool) -> 
     return scenario.model_copy(update=changes)
 
 
-def scheduled_law(prior: Params, name: str, rho: float, agent_period: float) -> Law:
+def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, base_tolerance: float | None) -> Law:
     """The law whose damping an agent schedules.
 
     Raises:
         ConfigError: for an unknown law, a robot without panels, a factor below 1, a period between actions that is no
-            multiple of the control period, or a damping within reach of the agent that the sampled loop cannot run.
+            multiple of the control period, a tolerance that is not positive, or a damping within reach of the agent
+            that the sampled loop cannot run.
     """
     if name not in LAWS:
         raise ConfigError(f"law = {name!r}: must be one of {', '.join(LAWS)}")
@@ -252,6 +259,8 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float) -> 
         raise ConfigError("the robot has no panels whose damping could be scheduled")
     if not rho >= 1.0:
         raise ConfigError(f"rho = {rho}: must be at least 1")
+    if base_tolerance is not None and not base_tolerance > 0.0:
+        raise ConfigError(f"base_tolerance = {base_tolerance}: must be positive, or None")
     period = prior.control.period
     hold = round(agent_period / period)
     if hold < 1 or abs(hold * period - agent_period) > 1e-9:
@@ -260,7 +269,8 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float) -> 
         warnings.simplefilter("ignore")  # of the law by itself; what follows covers it
         law: Law = make_policy(name, prior).law  # type: ignore[attr-defined]
     check_stability(law, rho)
-    return law._replace(schedule=law.schedule._replace(hold=hold, rho=float(rho)))
+    tolerance = inf if base_tolerance is None else float(base_tolerance)
+    return law._replace(schedule=law.schedule._replace(hold=hold, rho=float(rho), tolerance=tolerance))
 
 
 def check_stability(law: Law, rho: float) -> None:

@@ -153,7 +153,7 @@ def _take_decision(law, batch, damping, actions, active, i, decision, running):
         running[k] = active[i + k] and batch.tick[i + k] < damping.end[i + k]
         if active[i + k]:
             batch.clipped[i + k] = clipped(actions[i + k])
-            stretch(law, law.schedule.rho, actions[i + k], damping.factor[i + k])
+            stretch(law, batch.obs[i + k], actions[i + k], damping.factor[i + k])
     for panel in range(len(decision.factor)):
         gather(damping.factor[:, panel], i, decision.factor[panel])
         gather(damping.B_hat[:, panel], i, decision.B_hat[panel])

@@ -1,13 +1,14 @@
 """Schedules of the virtual damping: every few control periods a network sees the panels and chooses a factor of it.
 
 ``B = B_hat rho**a`` with one number ``a`` in [-1, 1] for each damped coordinate of each panel: whatever the network
-says, B is not negative and takes energy out of a panel. What it sees is made of the observation and of what the
-controller believes, in each panel's own axes, so that one network can serve all panels.
+says, B is not negative and takes energy out of a panel. A schedule may yield to the law while the base is off its path.
+What it sees is made of the observation and of what the controller believes, in each panel's own axes, so that one
+network can serve all panels.
 """
 
 from __future__ import annotations
 
-from math import log10, sqrt, tanh
+from math import hypot, inf, log10, sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ N_FEATURES = len(FEATURES)
 BOUNDS = np.array([bound for _, bound in FEATURES])
 LOG_AMPLITUDE = 2 * N_MODES  # place of the feature
 FAINT = 1.0e-6  # of the energy scale: motion below it has no direction
+SETTLING = 0.5  # s, a rate of the base's error counts as the error that it makes in this time
 
 
 class Schedule(NamedTuple):
@@ -43,6 +45,8 @@ class Schedule(NamedTuple):
     Attributes:
         hold: control periods from one decision to the next; 0 for no schedule.
         rho: largest factor of the virtual damping; 1 / rho is the smallest.
+        tolerance: error of the base [m] at which a decision counts half; infinite if it always counts in full.
+        lever: distance [m] at which a turn of the base moves a panel's middle.
         modes: (2, 2) amplitudes of the bending modes for tip displacement and slope [kg^(1/2), kg^(1/2) m].
         omega: (2,) their frequencies [rad/s].
         energy: [J], acceleration: [m/s2], acceleration_rate: [m/s3] at which features have the size 1 (or 0, as logs).
@@ -54,6 +58,8 @@ class Schedule(NamedTuple):
 
     hold: int
     rho: float
+    tolerance: float
+    lever: float
     modes: Array
     omega: Array
     energy: float
@@ -83,6 +89,8 @@ def make_schedule(prior: Params) -> Schedule:
     return Schedule(
         hold=0,
         rho=1.0,
+        tolerance=inf,
+        lever=max((hypot(*mount.root) for mount in panel.mounts), default=0.0) + 0.5 * panel.length,
         modes=np.ascontiguousarray((modes.shapes.T @ element.M_ff)[bending, 1:]),
         omega=modes.omega[bending].copy(),
         energy=prior.reward.vibration.scale,
@@ -133,14 +141,23 @@ def look(law, obs, seen):
 
 
 @kernel(inline=True)
-def stretch(law, rho, decision, factor):
-    """Write the factors ``rho**a`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate."""
+def stretch(law, obs, decision, factor):
+    """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate.
+
+    The weight ``w`` is 1 on the path, and falls to 0 with the error of the base over the schedule's tolerance: while
+    the base is thrown about, the panels are driven and not in the free vibration that a schedule knows.
+    """
+    schedule, b = law.schedule, law.layout.base
+    shift = sqrt(obs[b] * obs[b] + obs[b + 1] * obs[b + 1]) + schedule.lever * abs(obs[b + 2])
+    drift = sqrt(obs[b + 3] * obs[b + 3] + obs[b + 4] * obs[b + 4]) + schedule.lever * abs(obs[b + 5])
+    error = (shift + SETTLING * drift) / schedule.tolerance
+    weight = 1.0 / (1.0 + error * error)
     at = 0
     for i in range(len(law.allocation)):
         for k in range(N_TIP):
             factor[i, k] = 1.0
             if law.suppression.damped[k] > 0.0:
-                factor[i, k] = rho ** min(max(decision[at], -1.0), 1.0)
+                factor[i, k] = schedule.rho ** (weight * min(max(decision[at], -1.0), 1.0))
                 at += 1
 
 
@@ -158,7 +175,7 @@ def reschedule(law, obs, work, factor):
             schedule, work.seen[block * n_in : (block + 1) * n_in], work.hidden,
             work.decision[block * n_out : (block + 1) * n_out],
         )  # fmt: skip
-    stretch(law, schedule.rho, work.decision, factor)
+    stretch(law, obs, work.decision, factor)
 
 
 @kernel(inline=True)

@@ -90,17 +90,20 @@ def config_dir() -> Path:
 def find_config(path: str | os.PathLike[str], folder: str = "") -> Path:
     """Return the file at `path`, or else the shipped file of that name in `folder`, with or without its suffix.
 
+    A name may lead into a folder below: `practice/mixed` in `scenarios`.
+
     Raises ConfigError if there is neither.
     """
     file, shipped_files = Path(path), config_dir() / folder
-    if not file.is_file() and file.name == str(path):
-        for name in (file.name, f"{file.name}.yaml"):
+    if file.is_file():
+        return file
+    if not file.is_absolute() and ".." not in file.parts:
+        for name in (file, Path(f"{file}.yaml")):
             if (shipped_files / name).is_file():
                 return shipped_files / name
-    if not file.is_file():
-        shipped = sorted(each.stem for each in shipped_files.glob("*.yaml"))
-        raise ConfigError(f"{path}: no such file{_suggest(file.stem, shipped)} (shipped: {', '.join(shipped)})")
-    return file
+    files = shipped_files.glob("**/*.yaml" if folder else "*.yaml")
+    shipped = sorted(each.relative_to(shipped_files).with_suffix("").as_posix() for each in files)
+    raise ConfigError(f"{path}: no such file{_suggest(file.stem, shipped)} (shipped: {', '.join(shipped)})")
 
 
 def read_mapping(file: Path) -> tuple[dict[str, Any], Where]:

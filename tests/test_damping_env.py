@@ -64,6 +64,20 @@ def test_action_stretches_the_damping_by_powers_of_rho():
     )
 
 
+def test_actions_yield_to_the_law_while_the_base_is_off_its_path():
+    """With an error e of the base, an action counts 1 / (1 + (e / tolerance)^2); turns and rates count as shifts."""
+    action = np.array([1.0, -1.0, 0.5, 0.0])
+    env = make(scenario="offset", law="hsc", base_tolerance=0.02)
+    env.reset(seed=3)
+    x, y, turn, vx, vy, spin = env._batch.obs[0, :6]
+    lever = np.hypot(*env.params.panel.mounts[0].root) + 0.5 * env.params.panel.length
+    error = np.hypot(x, y) + lever * abs(turn) + 0.5 * (np.hypot(vx, vy) + lever * abs(spin))
+    assert error > 0.02
+    *_, info = env.step(action)
+    factor = info["damping"][:, 1:].ravel() / np.tile(env.params.suppression.B0[1:], 2)
+    np.testing.assert_allclose(np.log10(factor), action / (1.0 + (error / 0.02) ** 2), rtol=1e-9)
+
+
 def test_each_panel_feels_its_own_action():
     still = steps(make(), np.zeros((5, 4)))[4][-1]["damping"]
     moved = steps(make(), np.tile([1.0, 1.0, 0.0, 0.0], (5, 1)))[4][-1]["damping"]
@@ -162,6 +176,7 @@ def test_state_is_restored_bit_for_bit():
         ({"law": "none"}, "law = 'none'"),
         ({"rho": 0.5}, "rho = 0.5"),
         ({"agent_period": 0.003}, "multiple of control.period"),
+        ({"base_tolerance": 0.0}, "base_tolerance = 0.0: must be positive"),
         ({"overrides": ["panel.elements=8", "panel.bending_cut=1.0e6"]}, "rho = 10: with the virtual damping"),
         ({"overrides": ["panel.mounts=[]", "initial.qf=[0, 0, 0]", "initial.qfd=[0, 0, 0]"]}, "no panels"),
     ],

@@ -119,6 +119,9 @@ def test_names_of_shipped_and_missing_files(params, tmp_path, monkeypatch):
         load_params(tmp_path)
     with pytest.raises(ConfigError, match=r"no such file"):
         load_params("elsewhere/sffr.yaml")
+    for other in ("", "../configs/sffr.yaml"):
+        with pytest.raises(ConfigError, match=r"no such file"):
+            load_params(other)
     (tmp_path / "sffr.yaml").write_text("path: {speed: 2}")
     assert load_params("sffr.yaml").path.speed == 2.0
 

@@ -10,7 +10,7 @@ from sffr_gym.env import SFFRFlexEnv
 from sffr_gym.episode import draw, nominal
 from sffr_gym.kinematics import arm_points, rotation
 from sffr_gym.monolithic import constraint_jacobian
-from sffr_gym.scenario import load_scenario
+from sffr_gym.scenario import load_scenario, scenario_names
 
 ID = "SFFRFlex-v0"
 SEEDS = range(40)
@@ -237,6 +237,12 @@ def test_unknown_names_are_refused():
         load_scenario("exited")
     with pytest.raises(ConfigError, match="no such file"):
         load_scenario("nowhere/mine.yaml")
+
+
+def test_scenarios_to_practise_on_are_no_part_of_the_suite():
+    """A name in a folder below is found, and nothing is scored on it unless it is named."""
+    assert load_scenario("practice/mixed").name == "mixed"
+    assert not any("mixed" in name or "practice" in name for name in scenario_names())
 
 
 @pytest.mark.parametrize("override", ["panel.elements=1", "panel.mass=1.0e-6"])

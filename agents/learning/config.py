@@ -26,6 +26,9 @@ class Environment(Section):
     agent_period: Positive = Field(default=AGENT_PERIOD, description="time between two actions [s]")
     duration: float | None = Field(default=DURATION, gt=0.0, description="length of an episode [s]; null: scenario's")
     random_phase: bool = Field(default=True, description="start anywhere on the circle")
+    base_tolerance: float | None = Field(
+        default=None, gt=0.0, description="error of the base at which an action counts half [m]; null: it never does"
+    )
     overrides: tuple[str, ...] = Field(default=(), description="assignments to parameters, such as panel.EI=25")
 
 
