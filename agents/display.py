@@ -9,7 +9,15 @@ from typing import Self
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from sffr_gym._jit import is_compiled
 from verification import Check
@@ -94,19 +102,17 @@ class EvaluationDisplay:
         self._announced = False
 
 
-class CheckDisplay:
-    """Shows of a verification which check runs and for how long; on a terminal a bar, elsewhere a line for each.
+class CompilingBar:
+    """A progress bar below a word on the compilation, if there is one to come; a context manager.
 
-    A context manager; ``begin`` is the ``progress`` of :func:`verification.run_checks`.
+    Args:
+        console: of the command; without a terminal there is no bar.
+        columns: of the bar.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, *columns: ProgressColumn) -> None:
         self._console = console
-        self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(),
-            console=console, transient=True, disable=not console.is_terminal,
-        )  # fmt: skip
-        self._task = self._bar.add_task("")
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
     def __enter__(self) -> Self:
         """Start the clock; say so if the simulator has to be compiled first."""
@@ -120,6 +126,19 @@ class CheckDisplay:
     ) -> None:
         """Clear the terminal of the bar."""
         self._bar.stop()
+
+
+class CheckDisplay(CompilingBar):
+    """Shows of a verification which check runs and for how long; on a terminal a bar, elsewhere a line for each.
+
+    A context manager; ``begin`` is the ``progress`` of :func:`verification.run_checks`.
+    """
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(
+            console, TextColumn("{task.description}"), BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn()
+        )
+        self._task = self._bar.add_task("")
 
     def begin(self, what: str, done: int, total: int) -> None:
         """Show what runs now."""

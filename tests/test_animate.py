@@ -5,10 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import sffr
 
 from agents import animate as animation
-from agents import cli
 from agents.animate import Cut, Movie, Reel, animate
 from baselines.rollout import STRIDE
 from sffr_gym import ConfigError
@@ -39,15 +38,6 @@ def gif(scenario, tmp_path_factory):
     """A file of two policies, and their trajectories."""
     out = tmp_path_factory.mktemp("gif") / "both.gif"
     return out, animate(["none", "hsc"], out, scenario, cut=SMALL)
-
-
-def sffr(*arguments):
-    """Run the command and check that no traceback reaches the user."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COLUMNS", "200")
-        result = CliRunner().invoke(cli.app, ["animate", *map(str, arguments)], prog_name="sffr")
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result
 
 
 def frames(file):
@@ -173,13 +163,13 @@ def test_speed_and_duration_count_the_pictures(gif, cut, count):
 def test_command_writes_and_says_what(scenario, tmp_path):
     out = tmp_path / "new" / "one.gif"
     arguments = ["hsc", "-s", scenario, "--size", 200, "--fps", 5, "--out", out]
-    result = sffr(*arguments)
+    result = sffr("animate", *arguments)
     assert result.exit_code == 0, result.output
     assert len(frames(out)[0]) == 2
     assert "hsc: vibration energy" in result.stdout and "one.gif" in result.stdout and "MB" in result.stdout
-    refused = sffr(*arguments)
+    refused = sffr("animate", *arguments)
     assert refused.exit_code == 2 and "--overwrite" in refused.output
-    assert sffr(*arguments, "--overwrite", "--quiet").stdout == ""
+    assert sffr("animate", *arguments, "--overwrite", "--quiet").stdout == ""
     assert sorted(file.name for file in out.parent.iterdir()) == ["one.gif"]
 
 
@@ -201,7 +191,7 @@ def test_command_writes_and_says_what(scenario, tmp_path):
 )
 def test_faults_are_refused_in_words(arguments, message, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    result = sffr(*arguments)
+    result = sffr("animate", *arguments)
     assert result.exit_code == 2 and message in result.output, result.output
     assert not list(tmp_path.iterdir())
 
@@ -215,5 +205,5 @@ def test_missing_extra_says_what_to_install(monkeypatch, tmp_path, suffix, missi
 
 
 def test_help_has_defaults():
-    text = sffr("--help").output
+    text = sffr("animate", "--help").output
     assert "--speed" in text and "4.0" in text and "--exaggeration" in text and sys.executable not in text

@@ -4,9 +4,9 @@ import json
 import sys
 
 import pytest
-from typer.testing import CliRunner
+from command_line import sffr
 
-from agents import cli, verify
+from agents import verify
 from sffr_gym import load_params
 from verification import Check
 
@@ -22,16 +22,6 @@ def wide(monkeypatch):
     """A terminal that wraps nothing."""
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("TERM", "dumb")
-
-
-def sffr(*arguments):
-    """Run the command and check that no traceback reaches the user."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["/somewhere/bin/sffr", *map(str, arguments)])
-        result = CliRunner().invoke(cli.app, list(map(str, arguments)), prog_name="sffr")
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert "Traceback" not in result.output
-    return result
 
 
 @pytest.fixture(scope="module")

@@ -226,10 +226,13 @@ def test_policy_of_another_robot_is_refused(schedule):
 
 @pytest.mark.parametrize("name", shipped_policies())
 def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
+    """It comes from the shipped configuration of its name; on Table IV's start it keeps what the results say."""
     trained = load_schedule(shipped_policies()[name]).trained
     assert {"algo", "seed", "steps", "config_hash", "suite_hash"} <= trained.keys()
+    assert (trained["algo"], trained["config_hash"]) == (name, load_config(name).hash())
     evaluation = evaluate([name, "ahsc"], "nominal")
     (own,), (ahsc,) = evaluation.results.values()
     assert not own.failure
-    assert own.measures["vibration"] < 0.6 * ahsc.measures["vibration"]
-    assert costs(evaluation.results)[name] < 0.8
+    assert own.measures["vibration"] < 0.45 * ahsc.measures["vibration"]
+    assert own.measures["track_rmse"] < 1.10 * ahsc.measures["track_rmse"]
+    assert costs(evaluation.results)[name] < 0.72

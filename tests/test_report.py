@@ -10,10 +10,9 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from command_line import sffr
 from report_runs import SEED, run
-from typer.testing import CliRunner
 
-from agents import cli
 from agents.recording import RECORDINGS, Recording
 from agents.report.page import PAGE, SCRIPTS, STYLES, page, report
 from agents.report.replay import episode_data, group, table
@@ -48,15 +47,6 @@ def recording():
 @pytest.fixture(scope="module")
 def text(folder):
     return page([read_run(folder)])
-
-
-def sffr(*arguments):
-    """Run the command and check that no traceback reaches the user."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COLUMNS", "200")
-        result = CliRunner().invoke(cli.app, ["report", *map(str, arguments)], prog_name="sffr")
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    return result
 
 
 def embedded(text):
@@ -244,11 +234,11 @@ def test_quasi_static_shape_is_near_a_calmed_panel(recording):
 
 
 def test_command_writes_one_file(folder):
-    result = sffr(folder)
+    result = sffr("report", folder)
     assert result.exit_code == 0, result.output
     assert f"{PAGE}: " in result.stdout and "MB" in result.stdout
-    assert sffr(folder).exit_code == 2 and "--overwrite" in sffr(folder).output
-    assert sffr(folder, "--overwrite", "--quiet").stdout == ""
+    assert sffr("report", folder).exit_code == 2 and "--overwrite" in sffr("report", folder).output
+    assert sffr("report", folder, "--overwrite", "--quiet").stdout == ""
     assert (folder / PAGE).read_text(encoding="utf-8") == page([read_run(folder)])
 
 
@@ -282,12 +272,12 @@ def test_faults_are_refused_in_words(folder, names, message):
     bare = folder.parent / "bare"
     bare.mkdir(exist_ok=True)
     shutil.copy(folder / "episodes.csv", bare)
-    result = sffr(*(folder.parent / name for name in names), "--out", folder.parent / "refused.html")
+    result = sffr("report", *(folder.parent / name for name in names), "--out", folder.parent / "refused.html")
     assert result.exit_code == 2 and message in result.output, result.output
     assert not (folder.parent / "refused.html").exists()
 
 
 def test_missing_extra_says_what_to_install(monkeypatch, folder):
     monkeypatch.setattr("agents.report.commands.find_spec", lambda name: None)
-    result = sffr(folder, "--overwrite")
+    result = sffr("report", folder, "--overwrite")
     assert result.exit_code == 2 and "pip install 'sffr-gym[report]'" in result.output

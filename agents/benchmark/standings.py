@@ -63,11 +63,7 @@ def standings(results: Sequence[Result]) -> Standings:
     Raises:
         ConfigError: without AHSC, or if the policies did not run on the same episodes.
     """
-    groups = by_scenario(results)
-    policies = tuple(dict.fromkeys(result.policy for result in results))
-    if REFERENCE not in policies:
-        raise ConfigError(f"scores are relative to {REFERENCE!r}, which is not among {', '.join(policies)}")
-    check_paired(groups, policies)
+    groups, policies = paired(results)
     most = max(len(group[REFERENCE]) for group in groups.values())
     terms = {policy: np.empty((most, len(groups), 2 * len(WEIGHTS))) for policy in policies}
     for m, (scenario, group) in enumerate(groups.items()):
@@ -103,6 +99,19 @@ def by_scenario(results: Sequence[Result]) -> dict[str, dict[str, list[Result]]]
         scenario: {policy: groups[scenario][policy] for policy in policies if policy in groups[scenario]}
         for scenario in scenarios
     }
+
+
+def paired(results: Sequence[Result]) -> tuple[dict[str, dict[str, list[Result]]], tuple[str, ...]]:
+    """Episodes by scenario, then policy, and the policies in the order of their first appearance.
+
+    Raises:
+        ConfigError: without AHSC, or if the policies did not run on the same episodes.
+    """
+    groups, policies = by_scenario(results), tuple(dict.fromkeys(result.policy for result in results))
+    if REFERENCE not in policies:
+        raise ConfigError(f"scores are relative to {REFERENCE!r}, which is not among {', '.join(policies)}")
+    check_paired(groups, policies)
+    return groups, policies
 
 
 def check_paired(groups: Mapping[str, Mapping[str, Sequence[Result]]], policies: Sequence[str]) -> None:

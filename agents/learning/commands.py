@@ -7,16 +7,15 @@ import sys
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Self
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from agents.benchmark.commands import Bar
 from agents.benchmark.page import markdown_table, show
-from agents.display import COMPILING
+from agents.display import CompilingBar
 from agents.evaluate import number
 from agents.learning.config import CONFIGS, VALIDATION_SEED, load_config
 from agents.learning.seeds import score_seeds
@@ -26,7 +25,6 @@ from agents.run_folder import read_episodes
 from agents.score import REFERENCE, WEIGHTS
 from agents.user_errors import user_errors
 from sffr_gym import ConfigError, load_params
-from sffr_gym._jit import is_compiled
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -39,34 +37,20 @@ def add_commands(app: typer.Typer) -> None:
     app.command("seeds", no_args_is_help=True)(seeds_command)
 
 
-class TrainingDisplay:
+class TrainingDisplay(CompilingBar):
     """The last comparison with AHSC and a bar with the time left; a context manager and ``train.Report``.
 
     Where there is no terminal, a line for each comparison.
     """
 
     def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.percentage:.0f} %"),
+        super().__init__(
+            console, TextColumn("{task.description}"), BarColumn(20), TextColumn("{task.percentage:.0f} %"),
             TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(),
-            TextColumn("remaining"), console=console, transient=True, disable=not console.is_terminal,
+            TextColumn("remaining"),
         )  # fmt: skip
         self._task = self._bar.add_task("", rate="", start=False)
         self._shown: dict[str, float] = {}
-
-    def __enter__(self) -> Self:
-        """Say so if the simulator has to be compiled first."""
-        if not is_compiled():
-            self._console.print(COMPILING)
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Clear the terminal of the bar."""
-        self._bar.stop()
 
     def __call__(self, done: int, total: int, scores: dict[str, float]) -> None:
         """Report; see ``train.Report``."""

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.benchmark.standings import by_scenario, check_paired
+from agents.benchmark.standings import paired
 from agents.score import REFERENCE, WEIGHTS, Result, counted, ratio
 from agents.statistics import CONFIDENCE, RESAMPLES, SEED, Estimate, interquartile_mean
 from sffr_gym.beam import Array
-from sffr_gym.params import ConfigError
 
 SEEDED = re.compile(r"(?P<algo>.+?)[-_]?(?P<seed>\d+)(/.*)?$")  # such as ppo-3/best
 
@@ -43,11 +42,7 @@ def score_seeds(results: Sequence[Result]) -> dict[str, dict[str, SeedScore]]:
     Raises:
         ConfigError: without AHSC, or if the policies did not run on the same episodes.
     """
-    groups = by_scenario(results)
-    policies = list(dict.fromkeys(result.policy for result in results))
-    if REFERENCE not in policies:
-        raise ConfigError(f"scores are relative to {REFERENCE!r}, which is not among {', '.join(policies)}")
-    check_paired(groups, policies)
+    groups, policies = paired(results)
     families: dict[str, list[str]] = {}
     for policy in policies:
         match = SEEDED.fullmatch(policy)
