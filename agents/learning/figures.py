@@ -137,7 +137,7 @@ def schedule_figure(schedule: LearnedSchedule, params: Params) -> Figure:
         axes.set_ylim(0.9 / schedule.rho, 1.1 * schedule.rho)
         axes.set_xlim(0.0, 360.0)
         axes.set_xticks(range(0, 361, 90))
-        axes.set_xlabel("phase of the swing [°]: bent most at 0 and 180, fastest at 90 and 270")
+        axes.set_xlabel("phase [°]: bent most at 0 and 180, fastest at 90 and 270")
         axes.set_ylabel(f"factor of the damping of {name.partition('_')[2]}")
         axes.axhline(1.0, color=COLOURS[REFERENCE], linewidth=1.0)
     figure.legend(
