@@ -83,7 +83,7 @@ def test_a_drive_from_its_forces_is_the_closed_loop_to_the_bit(course):
     buffers, B_hat, episode = make_buffers(course.robot), policy.initial_damping(), course.episode
     run(
         course.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, 0, course.ticks, p, v,
-        obs, B_hat, record,
+        obs, B_hat, np.ones_like(B_hat), record,
     )  # fmt: skip
     again = drive(course, close_loop(course))
     assert len(again.rigid) == CHECKPOINTS

@@ -25,6 +25,8 @@ def other_value(key, value):
     """Return a valid value that differs from one of a scenario's file."""
     if value is None:
         return NOT_GIVEN.get(key, [1.0, 1.1])
+    if isinstance(value, bool):
+        return not value
     if isinstance(value, str):
         return OTHER_WORD.get(value, f"{value} x")
     return value + 1 if isinstance(value, int) else 0.99 * value or 0.01
