@@ -7,13 +7,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
 PACKAGES := sffr_gym baselines verification agents
-POLICIES := none hsc ahsc sac
+POLICIES := none hsc ahsc ppo sac
 PYTEST_ARGS ?=
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
-run: $(VENV)/.run ## the case study under none, HSC, AHSC and a learned policy; results in runs/, see runs/report.html
+run: $(VENV)/.run ## the case study under none, HSC, AHSC and learned policies; results in runs/, see runs/report.html
 	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
 	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
 	$(BIN)/sffr report runs/nominal runs/excited --out runs/report.html --overwrite
@@ -24,14 +24,16 @@ verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Ex
 results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
 	$(BIN)/sffr benchmark --docs docs
 
-train: $(VENV)/.dev ## PPO and SAC with five seeds each (hours), and their scores and figures; what is there goes on
+train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their scores and figures; what is there goes on
 	@for algo in ppo sac; do for seed in 0 1 2 3 4; do \
 		out=runs/train/$$algo-$$seed; \
 		$(BIN)/sffr train --algo $$algo --seed $$seed --out $$out $$(test -e $$out/train.json && echo --resume) || exit; \
 	done; done
 	$(BIN)/sffr curves runs/train/* --out docs/images/learning.png
-	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --episodes 100 --out runs/train-scores
+	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --out runs/train-scores
+	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --scenario excited --episodes 100 --out runs/train-excited
 	$(BIN)/sffr seeds runs/train-scores
+	$(BIN)/sffr seeds runs/train-excited
 
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)

@@ -38,6 +38,12 @@ def test_seeds_of_an_algorithm_count_together(results):
     assert scores["ahsc"].cost == pytest.approx((1.0, 1.0, 1.0))
 
 
+def test_oracles_are_left_out(results):
+    """They run only where the controllers' model is wrong, so they are on other episodes than the rest."""
+    scores = score_seeds([*results, episode("ahsc-oracle", 0, 0.1)])
+    assert scores == score_seeds(results)
+
+
 def test_failures_count_ten_times(results):
     results[2] = episode("ppo-0/best", 0, 0.1, "lost")
     score = score_seeds(results)["excited"]["ppo"]

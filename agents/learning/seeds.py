@@ -11,6 +11,7 @@ import numpy as np
 from agents.benchmark.standings import paired
 from agents.score import REFERENCE, WEIGHTS, Result, counted, ratio
 from agents.statistics import CONFIDENCE, RESAMPLES, SEED, Estimate, interquartile_mean
+from baselines.policies import ORACLES
 from sffr_gym.beam import Array
 
 SEEDED = re.compile(r"(?P<algo>.+?)[-_]?(?P<seed>\d+)(/.*)?$")  # such as ppo-3/best
@@ -36,13 +37,13 @@ def score_seeds(results: Sequence[Result]) -> dict[str, dict[str, SeedScore]]:
     """Scores by scenario, then algorithm or policy without seeds.
 
     Args:
-        results: episodes of a benchmark, AHSC's among them; policies are called ``<algorithm><seed>``, with or without
-            a file's name behind.
+        results: episodes of a benchmark, AHSC's among them; oracles, which do not run everywhere, are left out.
+            Policies with seeds are called ``<algorithm><seed>``, with or without a file's name behind.
 
     Raises:
         ConfigError: without AHSC, or if the policies did not run on the same episodes.
     """
-    groups, policies = paired(results)
+    groups, policies = paired([result for result in results if result.policy not in ORACLES.values()])
     families: dict[str, list[str]] = {}
     for policy in policies:
         match = SEEDED.fullmatch(policy)
