@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.evaluate import EVALUATION_SEED, counter, make_policies
 from agents.figures import COLOURS
-from agents.run_folder import write_whole
+from agents.files import write_whole
 from baselines.rollout import STRIDE, Trajectory, rollout
 from baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError

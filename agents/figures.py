@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.evaluate import Evaluation
+from agents.files import write_whole
 from agents.robot_figure import path_figure
-from agents.run_folder import FIGURES, write_whole
+from agents.run_folder import FIGURES
 from agents.score import REFERENCE
 from baselines.rollout import Trajectory, true_observations
 from baselines.suppression import COORDINATES

@@ -17,6 +17,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from agents.files import write_whole
 from agents.residual_env import (
     SFFRFlexDampingEnv,
     SFFRFlexDampingVectorEnv,
@@ -24,7 +25,6 @@ from agents.residual_env import (
     observation_names,
     scheduled_law,
 )
-from agents.run_folder import write_whole
 from baselines import POLICIES, make_policy
 from baselines.policies import LawPolicy, Policy
 from sffr_gym import config

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import platform
 import shlex
@@ -14,16 +13,15 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import sffr_gym
+from agents.evaluate import Evaluation
+from agents.files import to_json, write_whole
 from agents.recording import RECORDINGS, Recording, file_of, recording_files
 from agents.score import Result
 from sffr_gym import ConfigError
 from sffr_gym.metrics import MEASURES
-
-if TYPE_CHECKING:  # it loads learned policies, which are written as these files are
-    from agents.evaluate import Evaluation
 
 SUMMARY, EPISODES, MANIFEST = "summary.json", "episodes.csv", "manifest.json"
 FIGURES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
@@ -161,36 +159,9 @@ def git_state(source: Path) -> dict[str, Any] | None:
         return None
 
 
-def to_json(value: Any) -> str:
-    """JSON with indentation; NaN and infinities, which JSON has not, become null."""
-    return json.dumps(_plain(value), indent=2, allow_nan=False) + "\n"
-
-
-def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file under another name and put it into place, so that no reader ever finds a part of it."""
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
-
-
 def _read_row(row: dict[str, str]) -> Result:
     """One row of the episodes' file; a measure that was not finite is NaN."""
     known = {*KEYS, *MEASURES, "failure"}
     measures = {name: float(row[name] or "nan") for name in MEASURES}
     drawn = {name: float(value) for name, value in row.items() if name not in known and value}
     return Result(row["scenario"], row["policy"], int(row["seed"]), measures, row["failure"], drawn)
-
-
-def _plain(value: Any) -> Any:
-    """The same with NaN and infinities replaced by None and NumPy's numbers by plain ones."""
-    if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    return None if isinstance(value, float) and not isfinite(value) else value

@@ -7,7 +7,8 @@ import subprocess
 
 import pytest
 
-from agents.run_folder import check_folder, git_state, to_json, write_whole
+from agents.files import to_json, write_whole
+from agents.run_folder import check_folder, git_state
 from sffr_gym import ConfigError
 
 

@@ -18,7 +18,8 @@ import sffr_gym
 from agents.bench.measure import Row, Section
 from agents.bench.precision import PICTURE, save_picture
 from agents.bench.targets import Target
-from agents.run_folder import git_state, package_version, to_json, write_whole
+from agents.files import to_json, write_whole
+from agents.run_folder import git_state, package_version
 from sffr_gym import ConfigError
 
 RESULT = "bench.json"

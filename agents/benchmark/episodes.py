@@ -22,8 +22,9 @@ from urllib.parse import quote
 import baselines
 import sffr_gym
 from agents.evaluate import EVALUATION_SEED, result_of, with_right_models
+from agents.files import to_json, write_whole
 from agents.learned import check_titles, file_hash, load_policy, policy_file, policy_title
-from agents.run_folder import package_version, to_json, write_whole
+from agents.run_folder import package_version
 from agents.score import Result
 from baselines.policies import Policy
 from baselines.rollout import rollout

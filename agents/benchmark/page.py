@@ -13,7 +13,8 @@ from agents.benchmark.episodes import Plan
 from agents.benchmark.pictures import PICTURES, save_pictures
 from agents.benchmark.standings import Standings, by_scenario
 from agents.evaluate import number
-from agents.run_folder import package_version, to_json, write_whole
+from agents.files import to_json, write_whole
+from agents.run_folder import package_version
 from agents.score import REFERENCE, WEIGHTS, Result
 from agents.statistics import Estimate
 from baselines.policies import ORACLES

@@ -15,7 +15,7 @@ import numpy as np
 from agents.benchmark.standings import Standings
 from agents.evaluate import number
 from agents.figures import DPI, STYLE, colours_of
-from agents.run_folder import write_whole
+from agents.files import write_whole
 from agents.score import REFERENCE
 from agents.statistics import CONFIDENCE, Estimate, performance_profile, resample
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from agents.benchmark.episodes import Plan, Report, run_episodes
 from agents.benchmark.page import write_pages
 from agents.benchmark.standings import Standings, standings
+from agents.files import to_json, write_whole
 from agents.learned import shipped_policies
-from agents.run_folder import EPISODES, MANIFEST, episodes_csv, origin, to_json, write_whole
+from agents.run_folder import EPISODES, MANIFEST, episodes_csv, origin
 from agents.score import REFERENCE
 from sffr_gym import ConfigError
 from sffr_gym.scenario import load_scenario

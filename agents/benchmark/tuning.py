@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluate import EVALUATION_SEED, result_of
-from agents.run_folder import write_whole
+from agents.files import write_whole
 from agents.score import REFERENCE, Result, costs
 from baselines import make_policy
 from baselines.rollout import rollout

@@ -15,10 +15,10 @@ import numpy as np
 
 from agents.evaluate import EVALUATION_SEED
 from agents.figures import COLOURS, DPI, OTHERS, STYLE
+from agents.files import write_whole
 from agents.learned import LearnedSchedule
 from agents.learning.folder import PROGRESS, read_run
 from agents.learning.log import STEPS
-from agents.run_folder import write_whole
 from agents.score import REFERENCE
 from agents.statistics import interquartile_mean
 from baselines import make_policy

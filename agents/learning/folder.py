@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from agents.files import to_json, write_whole
 from agents.learning.config import TrainConfig, from_dict
-from agents.run_folder import MANIFEST, to_json, write_whole
+from agents.run_folder import MANIFEST
 from sffr_gym.params import ConfigError
 
 CONFIG, PROGRESS, CHECKPOINTS = "train.json", "progress.csv", "checkpoints"

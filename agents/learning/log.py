@@ -9,7 +9,7 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter
 
-from agents.run_folder import write_whole
+from agents.files import write_whole
 
 STEPS = "steps"
 

@@ -16,13 +16,13 @@ from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, Trial, TrialState
 
+from agents.files import to_json, write_whole
 from agents.learned import load_schedule
 from agents.learning.config import TrainConfig
 from agents.learning.folder import BEST, holds_run
 from agents.learning.train import Report, resume, train
 from agents.learning.tune_config import Dimension, TuneConfig, Value
 from agents.learning.validation import Validator
-from agents.run_folder import to_json, write_whole
 from agents.statistics import interquartile_mean
 from sffr_gym.env import resolve_params
 from sffr_gym.params import ConfigError

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.figures import colours_of
+from agents.files import to_json, write_whole
 from agents.report.replay import episode_data, group
 from agents.report.runs import Run, read_run
-from agents.run_folder import package_version, to_json, write_whole
+from agents.run_folder import package_version
 from sffr_gym import ConfigError
 
 PAGE = "report.html"

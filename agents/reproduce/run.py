@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.figures import DPI, STYLE
+from agents.files import to_json, write_whole
 from agents.reproduce import page
 from agents.reproduce.claims import Claim, judge
 from agents.reproduce.figures import Plate, paper_plates
@@ -15,7 +16,7 @@ from agents.reproduce.more_figures import further_plates
 from agents.reproduce.peers import compare
 from agents.reproduce.piezo_figure import piezo_plate
 from agents.reproduce.study import Report, run_study
-from agents.run_folder import PACKAGES, git_state, package_version, to_json, write_whole
+from agents.run_folder import PACKAGES, git_state, package_version
 
 PAGE, CLAIMS_TABLE, CLAIMS = "index.html", "claims.md", "claims.json"
 
