@@ -1,14 +1,19 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results train test bench format lint types contracts check clean
+.PHONY: help run verify results train test coverage mutants bench format lint types contracts check api clean
 
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
-PACKAGES := sffr_gym baselines verification agents
+ROOMS := sffr_gym baselines agents workbench tests docs
 POLICIES := none hsc ahsc ppo sac
 PYTEST_ARGS ?=
+# Tests that run in minutes without numba and need no lanes, which only it can make.
+COVERED := actuators angles beam dynamics episode episode_end fleet metrics mic observation oracle overrides param_files \
+	param_ranges params piezo policies printed_panel reference regulator scenario score stability statistics suite_hash \
+	suppression vector_arguments
+MUTANTS_ARGS ?=
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -38,6 +43,12 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
 
+coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that the tests without compiler run
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term $(COVERED:%=tests/test_%.py)
+
+mutants: $(VENV)/.dev ## change the code in small ways and see whether tests notice (hours; goes on where it stopped); docs/mutants.md
+	$(BIN)/python tests/mutants.py --report docs/mutants.md $(MUTANTS_ARGS)
+
 bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
 	$(BIN)/sffr bench --out runs/bench
 	$(BIN)/python -m pytest tests/benchmarks -W default --benchmark-autosave --benchmark-compare --benchmark-columns=median,iqr,rounds
@@ -58,9 +69,13 @@ contracts: $(VENV)/.dev ## which package may import which
 
 check: lint types contracts test ## lint, types, contracts and test
 
+api: $(VENV)/.docs ## the API reference from the docstrings, into docs/_build/html; a warning is an error
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
+
 clean: ## remove the virtual environment, tool caches and build products, but no results
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .benchmarks .coverage
-	find $(PACKAGES) tests -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf $(VENV) build dist docs/_build docs/api .coverage
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .benchmarks .hypothesis
+	find $(ROOMS) -name __pycache__ -prune -exec rm -rf {} +
 
 # What is installed is installed again when the list of dependencies or of their versions changes, and only then.
 $(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/pip
@@ -77,6 +92,11 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/pip
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
 	@$(INSTALL) ".[dev]"
 	@touch $@ $(VENV)/.run $(VENV)/.verify
+
+$(VENV)/.docs: pyproject.toml constraints.txt | $(VENV)/.dev
+	@echo "Installing the package and what builds its API reference into $(VENV) ..."
+	@$(INSTALL) ".[docs]"
+	@touch $@
 
 $(BIN)/pip:
 	@for python in python3.11 python3; do \

@@ -5,7 +5,7 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from agents import cli
+from sffr_workbench.cli import app as cli
 
 
 def sffr(*arguments):

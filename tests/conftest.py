@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sffr_gym.params import load_params
+from sffr_gym.config.params import load_params
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
 

@@ -1,9 +1,9 @@
-"""Parameters as plain data, and the messages that refuse them."""
+"""Parameters as plain data, and the messages that reject them."""
 
 import pytest
 import yaml
 
-from sffr_gym.params import ConfigError, config_dir
+from sffr_gym.config.strict_yaml import ConfigError, config_dir
 
 SHIPPED = config_dir() / "sffr.yaml"
 PATCHES, TIP = "actuators.piezo.patches", "actuators.piezo.tip"
@@ -25,15 +25,15 @@ def shipped_tree():
 LEAVES = flatten(shipped_tree())
 
 
-def refusal(params, *assignments):
-    """Return the message that refuses some overrides."""
+def rejection(params, *assignments):
+    """Return the message that rejects some overrides."""
     with pytest.raises(ConfigError) as caught:
         params.with_overrides(*assignments)
     return str(caught.value)
 
 
 def message_or_nothing(params, assignment):
-    """Return the message that refuses an override, or nothing."""
+    """Return the message that rejects an override, or nothing."""
     try:
         params.with_overrides(assignment)
     except ConfigError as error:

@@ -1,7 +1,6 @@
 """Short runs for the tests of the report."""
 
-from agents.evaluate import evaluate
-from agents.run_folder import write_run
+from sffr_workbench.evaluation import evaluate, write_run
 
 SCENARIO = """
 name: {name}

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from agents.learning.config import load_config
-from agents.learning.folder import CHECKPOINTS
+from sffr_agents.config import load_config
+from sffr_agents.folder import CHECKPOINTS
 
 SMALL = [
     "n_envs=2", "environment.duration=1.0", "network.hidden=[8, 8]", "validation.scenarios=[nominal]",

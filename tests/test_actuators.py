@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sffr_gym import Params, load_params
-from sffr_gym.actuators import Actuators, generalized_forces, pack_actuators, saturate
-from sffr_gym.model import Model, joint_slice, mode_slice, n_positions, nodal, object_slice, pack
+from sffr_gym.physics.actuators import Actuators, generalized_forces, pack_actuators, saturate
+from sffr_gym.physics.model import Model, joint_slice, mode_slice, nodal, object_slice, pack
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def make(*overrides: str) -> tuple[Params, Model, Actuators]:
 
 def forces(model: Model, actuators: Actuators, command: Array, before: float = 0.0) -> Array:
     """Return the generalised forces of a command, written over a vector filled with `before`."""
-    tau = np.full(n_positions(model), before)
+    tau = np.full(model.at.end, before)
     generalized_forces(model, actuators, command, tau)
     return tau
 

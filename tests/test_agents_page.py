@@ -5,13 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agents.cli import app
-from agents.learned import LearnedSchedule, Network, save_schedule
-from agents.residual_env import SFFRFlexDampingEnv
+from sffr_workbench.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "agents.md").read_text(encoding="utf-8")
@@ -25,10 +22,8 @@ def test_page_has_examples():
 
 @pytest.mark.parametrize("code", EXAMPLES)
 def test_example_runs(code, tmp_path):
-    network = Network((np.zeros((2, 7)),), (np.zeros(2),), relu=False, squash=False)
-    save_schedule(tmp_path / "policy.npz", LearnedSchedule.of(network, SFFRFlexDampingEnv(), {}))
-    run = [sys.executable, "-W", "error", "-c", code.replace('"POLICY"', '"policy.npz"')]
-    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)})
+    run = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

@@ -1,4 +1,4 @@
-"""`sffr animate`: what the files hold, and how the command refuses."""
+"""`sffr animate`: what the files hold, and what is an error."""
 
 import hashlib
 import sys
@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from command_line import sffr
 
-from agents import animate as animation
-from agents.animate import Cut, Movie, Reel, animate
-from baselines.rollout import STRIDE
+from sffr_baselines.rollout import STRIDE
 from sffr_gym import ConfigError
-from sffr_gym.geometry import tip_deflections
-from sffr_gym.model import pack
-from sffr_gym.task import ERROR, VIBRATION
+from sffr_gym.physics.kinematics import tip_deflections
+from sffr_gym.physics.model import pack
+from sffr_gym.task.signals import ERROR, VIBRATION
+from sffr_workbench.common import extras
+from sffr_workbench.figures import animation
+from sffr_workbench.figures.animation import Movie, MovieOptions, Snapshots, animate
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -23,7 +24,7 @@ description: A short episode with swinging panels.
 duration: 2.0
 panel_modes: [{mode: 1, amplitude: [0.2, 0.25]}]
 """
-SMALL = Cut(speed=1.0, fps=10, size=200)
+SMALL = MovieOptions(speed=1.0, fps=10, size=200)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def scenario(tmp_path_factory):
 def gif(scenario, tmp_path_factory):
     """A file of two policies, and their trajectories."""
     out = tmp_path_factory.mktemp("gif") / "both.gif"
-    return out, animate(["none", "hsc"], out, scenario, cut=SMALL)
+    return out, animate(["none", "hsc"], out, scenario, options=SMALL)
 
 
 def frames(file):
@@ -71,8 +72,8 @@ def test_gif_shows_the_movie(gif):
 def test_mp4_has_every_picture_in_its_size(scenario, tmp_path):
     av = pytest.importorskip("av")
     out = tmp_path / "both.mp4"
-    trajectories = animate(["none", "hsc"], out, scenario, cut=Cut(speed=2.0, fps=24, size=201))
-    movie = Movie(trajectories, Cut(speed=2.0, fps=24, size=201))
+    trajectories = animate(["none", "hsc"], out, scenario, options=MovieOptions(speed=2.0, fps=24, size=201))
+    movie = Movie(trajectories, MovieOptions(speed=2.0, fps=24, size=201))
     with av.open(str(out)) as container:
         (stream,) = container.streams.video
         assert stream.average_rate == 24
@@ -85,15 +86,17 @@ def test_mp4_has_every_picture_in_its_size(scenario, tmp_path):
 
 def test_same_command_writes_the_same_bytes(gif, scenario, tmp_path):
     again = tmp_path / "again.gif"
-    animate(["none", "hsc"], again, scenario, cut=SMALL)
+    animate(["none", "hsc"], again, scenario, options=SMALL)
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(gif[0].read_bytes()).digest()
 
 
 def test_calm_side_swings_less(gif):
     """What an eye sees: how much of the view changes at the tips, left without suppression, right with it."""
     out = gif[0].with_name("long.gif")
-    trajectories = animate(["none", "hsc"], out, "excited", cut=Cut(speed=10.0, fps=5, duration=60.0, size=200))
-    movie = Movie(trajectories, Cut(speed=10.0, fps=5, duration=60.0, size=200))
+    trajectories = animate(
+        ["none", "hsc"], out, "excited", options=MovieOptions(speed=10.0, fps=5, duration=60.0, size=200)
+    )
+    movie = Movie(trajectories, MovieOptions(speed=10.0, fps=5, duration=60.0, size=200))
     late = np.stack([movie[k] for k in range(len(movie) - 6, len(movie))]).astype(int)
     tips = late[:, 24:40, :, :]  # upper panel's
     changes = np.abs(np.diff(tips, axis=0)).max(axis=-1) > 60
@@ -103,39 +106,42 @@ def test_calm_side_swings_less(gif):
 
 def test_snapshots_are_the_recorded_states_and_straight_lines_between(gif):
     trajectory = gif[1][0]
-    reel = Reel(trajectory, damped=True)
+    snapshots = Snapshots(trajectory, damped=True)
     row = 7
-    snapshot = reel(trajectory.t[row])
+    snapshot = snapshots(trajectory.t[row])
     np.testing.assert_allclose(snapshot.p, trajectory.p[row], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(snapshot.applied, trajectory.applied[row], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(snapshot.trace[-1], reel.trace[row], rtol=1e-12, atol=1e-15)
-    middle = reel((trajectory.t[row] + trajectory.t[row + 1]) / 2)
+    np.testing.assert_allclose(snapshot.trace[-1], snapshots.trace[row], rtol=1e-12, atol=1e-15)
+    middle = snapshots((trajectory.t[row] + trajectory.t[row + 1]) / 2)
     np.testing.assert_allclose(middle.p, trajectory.p[row : row + 2].mean(axis=0), rtol=1e-12, atol=1e-15)
-    assert reel(0.0).trace.shape == (2, 7) and reel(1e9).t == trajectory.t[-1]
+    assert snapshots(0.0).trace.shape == (2, 7) and snapshots(1e9).t == trajectory.t[-1]
 
 
 def test_trace_is_what_was_measured(gif):
     trajectory = gif[1][1]
-    trace = Reel(trajectory, damped=True).trace
+    trace = Snapshots(trajectory, damped=True).trace
     ticks = np.arange(STRIDE, len(trajectory.signals), STRIDE) - 1
     np.testing.assert_array_equal(trace[1:, 1:3], trajectory.signals[ticks][:, [ERROR, VIBRATION]])
     tips = tip_deflections(pack(trajectory.episode.plant), trajectory.p)
     np.testing.assert_array_equal(trace[:, 3:5], tips)
     np.testing.assert_array_equal(trace[:, 5:], trajectory.B_hat[:, :, 1])
-    assert Reel(trajectory, damped=False).trace.shape[1] == 5
+    assert Snapshots(trajectory, damped=False).trace.shape[1] == 5
 
 
 def test_both_sides_have_the_same_axes(gif):
     movie = Movie(gif[1], SMALL)
-    sides = [[plot.axis for plot in r.plots(reel(0.5))] for r, reel in zip(movie._renderers, movie._reels, strict=True)]
+    sides = [
+        [plot.axis for plot in r.plots(snapshots(0.5))]
+        for r, snapshots in zip(movie._renderers, movie._snapshots, strict=True)
+    ]
     assert sides[0] == sides[1]
-    largest = max(np.abs(reel.trace[:, 3:5]).max() for reel in movie._reels)
+    largest = max(np.abs(snapshots.trace[:, 3:5]).max() for snapshots in movie._snapshots)
     assert largest <= sides[0][0].high < 5 * largest
 
 
 def test_failure_is_shown_and_held_while_the_other_goes_on(scenario, tmp_path):
     trajectories = animate(
-        ["random", "hsc"], tmp_path / "fail.gif", scenario, overrides=["limits.position=0.05"], cut=SMALL
+        ["random", "hsc"], tmp_path / "fail.gif", scenario, overrides=["limits.position=0.05"], options=SMALL
     )
     failed, whole = trajectories
     assert failed.failure and not whole.failure and failed.t[-1] < 0.8 * whole.t[-1]
@@ -144,20 +150,20 @@ def test_failure_is_shown_and_held_while_the_other_goes_on(scenario, tmp_path):
     last, before = movie[19], movie[18]
     np.testing.assert_array_equal(last[:, :200], before[:, :200])
     assert (last[:, 210:] != before[:, 210:]).any()
-    snapshot = movie._reels[0](whole.t[-1])
-    assert snapshot.failure == failed.failure and not movie._reels[0](0.0).failure
+    snapshot = movie._snapshots[0](whole.t[-1])
+    assert snapshot.failure == failed.failure and not movie._snapshots[0](0.0).failure
 
 
 def test_one_policy_without_damping_plots_its_energy(scenario, tmp_path):
-    trajectories = animate(["none"], tmp_path / "one.gif", scenario, cut=SMALL)
+    trajectories = animate(["none"], tmp_path / "one.gif", scenario, options=SMALL)
     movie = Movie(trajectories, SMALL)
     assert movie[0].shape == (200, 200, 3)
-    assert [plot.title for plot in movie._renderers[0].plots(movie._reels[0](0.5))][-1] == "vibration energy"
+    assert [plot.title for plot in movie._renderers[0].plots(movie._snapshots[0](0.5))][-1] == "vibration energy"
 
 
-@pytest.mark.parametrize("cut,count", [({"speed": 4.0}, 5), ({"duration": 1.0}, 10), ({"speed": 1000.0}, 1)])
-def test_speed_and_duration_count_the_pictures(gif, cut, count):
-    assert len(Movie(gif[1], Cut(**({"speed": 1.0, "fps": 10, "size": 200} | cut)))) == count
+@pytest.mark.parametrize("options,count", [({"speed": 4.0}, 5), ({"duration": 1.0}, 10), ({"speed": 1000.0}, 1)])
+def test_speed_and_duration_count_the_pictures(gif, options, count):
+    assert len(Movie(gif[1], MovieOptions(**({"speed": 1.0, "fps": 10, "size": 200} | options)))) == count
 
 
 def test_command_writes_and_says_what(scenario, tmp_path):
@@ -167,8 +173,8 @@ def test_command_writes_and_says_what(scenario, tmp_path):
     assert result.exit_code == 0, result.output
     assert len(frames(out)[0]) == 2
     assert "hsc: vibration energy" in result.stdout and "one.gif" in result.stdout and "MB" in result.stdout
-    refused = sffr("animate", *arguments)
-    assert refused.exit_code == 2 and "--overwrite" in refused.output
+    rejected = sffr("animate", *arguments)
+    assert rejected.exit_code == 2 and "--overwrite" in rejected.output
     assert sffr("animate", *arguments, "--overwrite", "--quiet").stdout == ""
     assert sorted(file.name for file in out.parent.iterdir()) == ["one.gif"]
 
@@ -189,7 +195,7 @@ def test_command_writes_and_says_what(scenario, tmp_path):
         (["hsc", "--set", "panel.mas=3"], "did you mean 'mass'"),
     ],
 )
-def test_faults_are_refused_in_words(arguments, message, monkeypatch, tmp_path):
+def test_errors_say_what_is_wrong(arguments, message, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     result = sffr("animate", *arguments)
     assert result.exit_code == 2 and message in result.output, result.output
@@ -198,8 +204,8 @@ def test_faults_are_refused_in_words(arguments, message, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("suffix,missing,extra", [(".gif", "PIL", "render"), (".mp4", "av", "video")])
 def test_missing_extra_says_what_to_install(monkeypatch, tmp_path, suffix, missing, extra):
-    found = animation.find_spec
-    monkeypatch.setattr(animation, "find_spec", lambda name: None if name == missing else found("sys"))
+    found = extras.find_spec
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == missing else found("sys"))
     with pytest.raises(ConfigError, match=rf"not installed: {missing}; pip install 'sffr-gym\[{extra}\]'"):
         animate(["hsc"], tmp_path / f"a{suffix}")
 

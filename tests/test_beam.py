@@ -5,7 +5,9 @@ import pytest
 import scipy.linalg
 from numpy.typing import NDArray
 
-from sffr_gym.beam import Beam, beam, clamped_modes, shape_functions
+from sffr_gym.config.params import Params
+from sffr_gym.physics.beam import Beam, beam, clamped_modes, one_element_beam, shape_functions
+from sffr_gym.physics.model import panel_beam
 
 Array = NDArray[np.float64]
 
@@ -198,3 +200,12 @@ def test_cuts_leave_out_what_lies_above() -> None:
     assert clamped_modes(b, AXIAL[0] / 2, NO_CUT).n_axial == 0
     empty = clamped_modes(b, AXIAL[0] / 2, BENDING[0] / 2)
     assert (empty.omega.shape, empty.shapes.shape, empty.n_axial) == ((0,), (12, 0), 0)
+
+
+def test_one_element_of_a_panel_does_not_depend_on_its_elements(params: Params) -> None:
+    """It is the configured panel's beam where that has one element, and stays the same where it has more."""
+    one = one_element_beam(params.panel)
+    many = params.with_overrides("panel.elements=4")
+    for ours, configured, finer in zip(one, panel_beam(params), one_element_beam(many.panel), strict=True):
+        np.testing.assert_array_equal(ours, configured)
+        np.testing.assert_array_equal(ours, finer)

@@ -1,4 +1,4 @@
-"""The measurements of speed: tiny versions of all, what is compared is the same motion, and how targets are judged."""
+"""The measurements of speed: tiny versions of all, what is compared is the same motion, and how targets are checked."""
 
 import io
 import json
@@ -13,22 +13,22 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from agents import cli
 from sffr_gym import ConfigError
+from sffr_workbench.cli import app as cli
 
 pytest.importorskip("mujoco")
 pytest.importorskip("psutil")
 
-from agents.bench import environments, measure, report, suite
-from agents.bench.circle import CHECKPOINTS, close_loop, drive, make_course, make_record, relative_errors
-from agents.bench.measure import Row, Section
-from agents.bench.mujoco_circle import MujocoPlant
-from agents.bench.profile import floor
-from agents.bench.scipy_circle import ScipyPlant
-from agents.bench.targets import judge
-from baselines import make_policy
-from baselines.closed_loop import run
-from sffr_gym.task import make_buffers
+from sffr_baselines import make_policy
+from sffr_baselines.closed_loop import loop_shapes, make_record, run
+from sffr_gym.compile.workspace import allocate
+from sffr_workbench.speed import environments, measure, page, suite
+from sffr_workbench.speed.circle import CHECKPOINTS, close_loop, drive, make_course, relative_errors
+from sffr_workbench.speed.measure import Row, Section
+from sffr_workbench.speed.mujoco_circle import MujocoPlant
+from sffr_workbench.speed.profile import floor
+from sffr_workbench.speed.scipy_circle import ScipyPlant
+from sffr_workbench.speed.targets import check_targets
 
 KEYS = {
     "physics": {"ours", "RK4", "implicitfast", "DOP853", "Radau"},
@@ -67,7 +67,7 @@ def test_every_measurement_gives_finite_positive_figures(name):
 
 
 def test_work_and_precision_has_all_methods_and_a_picture(tmp_path):
-    from agents.bench.precision import STYLES, precision, save_picture
+    from sffr_workbench.speed.precision import STYLES, precision, save_picture
 
     section = precision(1, True)
     assert {row.what.partition(",")[0] for row in section.rows} == set(STYLES)
@@ -78,11 +78,12 @@ def test_work_and_precision_has_all_methods_and_a_picture(tmp_path):
 
 
 def test_a_drive_from_its_forces_is_the_closed_loop_to_the_bit(course):
-    record, policy = make_record(course), make_policy("ahsc", course.params)
+    record, policy = make_record(course.plant, course.ticks, 1), make_policy("ahsc", course.params)
     p, v, obs = course.p.copy(), course.v.copy(), course.obs.copy()
-    buffers, B_hat, episode = make_buffers(course.robot), policy.initial_damping(), course.episode
+    B_hat, episode = policy.initial_damping(), course.episode
+    block = allocate(loop_shapes(course.plant, policy.law))[0]
     run(
-        course.robot, episode.reference, episode.sensing, episode.impulses, policy.law, buffers, 0, course.ticks, p, v,
+        course.plant, episode.reference, episode.sensing, episode.impulses, policy.law, block, 0, course.ticks, p, v,
         obs, B_hat, np.ones_like(B_hat), record,
     )  # fmt: skip
     again = drive(course, close_loop(course))
@@ -125,7 +126,7 @@ def test_error_counts_the_tips_alone_too(course):
 def test_counting_finds_every_operation_of_a_known_formula():
     code = (
         "import numpy as np, math\n"
-        "from agents.bench import count\n"
+        "from sffr_workbench.speed import count\n"
         "x = count.counting(np.array([3.0, 4.0]))\n"
         "y = 1.0 - x[0] * x[1] + x[0] / 2.0\n"
         "z = count._function('sqrt')(y * y) + count._function('cos')(x[1])\n"
@@ -162,7 +163,7 @@ def test_environments_without_memory_for_their_processes_are_named(monkeypatch):
     assert any("do not fit into memory" in remark for remark in section.remarks)
 
 
-# How targets are judged, with figures made up.
+# How targets are checked, with figures made up.
 
 
 def made_up(**changes):
@@ -196,11 +197,11 @@ GROWN = "change of resident memory after a tenth of the run"
 
 
 def missed(sections):
-    return [target.what for target in judge(sections) if not target.met]
+    return [target.what for target in check_targets(sections) if not target.met]
 
 
 def test_all_targets_can_be_met():
-    assert len(judge(made_up())) == 10
+    assert len(check_targets(made_up())) == 10
     assert missed(made_up()) == []
 
 
@@ -232,7 +233,7 @@ def test_the_error_is_a_target():
 
 
 def test_targets_of_what_was_not_measured_are_left_out():
-    assert [target.what for target in judge(made_up()[1:2])] == ["closed loop with AHSC"]
+    assert [target.what for target in check_targets(made_up()[1:2])] == ["closed loop with AHSC"]
 
 
 # What people and machines get.
@@ -246,14 +247,14 @@ def text_of(table, width=120):
 
 def test_tables_show_figures_and_verdicts():
     physics, *_ = sections = made_up(loop__ahsc=(300.0, 310.0, 290.0))
-    assert "8 times" in text_of(report.section_table(physics))
-    shown = text_of(report.target_table(judge(sections)))
+    assert "8 times" in text_of(page.section_table(physics))
+    shown = text_of(page.target_table(check_targets(sections)))
     assert "missed" in shown and shown.count("met") == 9 and "300 times real time" in shown
 
 
 def test_result_loads_and_holds_everything(tmp_path):
     sections = made_up()
-    file = report.write_result(tmp_path, sections, judge(sections), 7, False, ["sffr", "bench"])
+    file = page.write_result(tmp_path, sections, check_targets(sections), 7, False, ["sffr", "bench"])
     result = json.loads(file.read_text())
     assert result["command"] == "sffr bench" and result["repeats"] == 7
     assert result["machine"]["cores"] >= 1 and result["machine"]["versions"]["mujoco"]
@@ -266,21 +267,21 @@ def test_result_loads_and_holds_everything(tmp_path):
 
 def test_doc_keeps_its_words_and_takes_the_tables(tmp_path):
     file, sections = tmp_path / "speed.md", made_up()
-    file.write_text(f"Before.\n{report.BEGIN}\nold\n{report.END}\nAfter.\n")
+    file.write_text(f"Before.\n{page.BEGIN}\nold\n{page.END}\nAfter.\n")
     for _ in range(2):
-        report.write_doc(file, sections, judge(sections), ["sffr", "bench"])
+        page.write_doc(file, sections, check_targets(sections), ["sffr", "bench"])
     text = file.read_text()
     assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
     assert "images/work_precision.png" in text and (tmp_path / "images" / "work_precision.png").is_file()
     assert text.count("| closed loop with AHSC | 500 times real time | at least 400 times real time | met |") == 1
 
 
-def test_doc_without_markers_is_refused(tmp_path):
+def test_doc_without_markers_is_an_error(tmp_path):
     (tmp_path / "speed.md").write_text("nothing")
     with pytest.raises(ConfigError, match="must hold the lines"):
-        report.check_doc(tmp_path / "speed.md")
+        page.check_doc(tmp_path / "speed.md")
     with pytest.raises(ConfigError, match="no such file"):
-        report.check_doc(tmp_path / "missing.md")
+        page.check_doc(tmp_path / "missing.md")
 
 
 def test_command_writes_what_it_promises(tmp_path):
@@ -290,7 +291,7 @@ def test_command_writes_what_it_promises(tmp_path):
     assert "Closed loop with AHSC" in result.output and "bench.json" in result.output
 
 
-def test_unknown_measurement_is_refused_with_the_nearest():
+def test_unknown_measurement_is_named_with_the_nearest():
     result = CliRunner().invoke(cli.app, ["bench", "--only", "phisics"])
     assert result.exit_code == 2
     assert "did you mean 'physics'?" in result.output

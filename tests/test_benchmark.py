@@ -14,23 +14,24 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from agents.benchmark import commands, episodes
-from agents.benchmark.compare import common_episodes
-from agents.benchmark.episodes import PLAN, ROWS, Plan, run_episodes
-from agents.benchmark.page import read_leaderboard
-from agents.benchmark.pictures import PICTURES
-from agents.benchmark.run import BASELINES, run_benchmark
-from agents.benchmark.standings import standings
-from agents.cli import app
-from agents.evaluate import evaluate
-from agents.run_folder import read_episodes, write_run
-from agents.score import costs
-from baselines import POLICIES
-from baselines.settings import load_damping
+from sffr_baselines import POLICIES
+from sffr_baselines.settings import load_tuned_damping
 from sffr_gym import ConfigError, load_params
-from sffr_gym.scenario import scenario_names
+from sffr_gym.task.scenario import scenario_names
+from sffr_gym.task.score import costs
+from sffr_workbench.benchmark import episodes
+from sffr_workbench.benchmark.compare import common_episodes
+from sffr_workbench.benchmark.episodes import PLAN_FILE, ROWS, Plan, run_episodes
+from sffr_workbench.benchmark.figures import FIGURE_FILES
+from sffr_workbench.benchmark.page import read_leaderboard
+from sffr_workbench.benchmark.run import default_policies, run_benchmark
+from sffr_workbench.benchmark.scores import score_suite
+from sffr_workbench.cli.app import app
+from sffr_workbench.cli.benchmark import print_scores
+from sffr_workbench.evaluation import evaluate, read_episodes, write_run
 
 SEED = 1_000_000
+BASELINES = ("none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr")
 ROOT = Path(__file__).parents[1]
 SWINGING = "name: swinging\ndescription: Swings.\nduration: {}\npanel_modes: [{{mode: 1, amplitude: [0.05, 0.25]}}]\n"
 QUIET = "name: quiet\ndescription: Nothing is drawn.\nduration: 0.4\n"
@@ -51,9 +52,9 @@ def plan(suite):
 
 
 @pytest.fixture(scope="module")
-def alone(plan, tmp_path_factory):
+def serial(plan, tmp_path_factory):
     """All episodes, run one after the other in this process."""
-    return run_episodes(plan, tmp_path_factory.mktemp("alone"), jobs=1)
+    return run_episodes(plan, tmp_path_factory.mktemp("serial"), jobs=1)
 
 
 def die_in_the_middle(task, params, folder):
@@ -73,19 +74,19 @@ def test_plan_lists_every_episode_once(plan):
     assert [task.seed for task in plan.tasks if task.policy == "hsc"] == [SEED, SEED + 1, SEED + 2, SEED]
 
 
-def test_the_same_rows_with_any_number_of_workers(plan, alone, tmp_path):
-    assert run_episodes(plan, tmp_path, jobs=2) == alone
-    assert [(r.scenario, r.policy, r.seed) for r in alone] == [
+def test_the_same_rows_with_any_number_of_workers(plan, serial, tmp_path):
+    assert run_episodes(plan, tmp_path, jobs=2) == serial
+    assert [(r.scenario, r.policy, r.seed) for r in serial] == [
         (Path(task.scenario).stem, task.policy, task.seed) for task in plan.tasks
     ]
 
 
-def test_rows_are_those_of_an_evaluation(plan, alone, suite):
+def test_rows_are_those_of_an_evaluation(plan, serial, suite):
     evaluation = evaluate(plan.policies, suite[0], 3, SEED)
-    assert [r for own in evaluation.results.values() for r in own] == [r for r in alone if r.scenario == "swinging"]
+    assert [r for own in evaluation.results.values() for r in own] == [r for r in serial if r.scenario == "swinging"]
 
 
-def test_dead_worker_loses_nothing_that_was_finished(plan, alone, tmp_path, monkeypatch):
+def test_dead_worker_loses_nothing_that_was_finished(plan, serial, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(episodes, "_run_and_keep", die_in_the_middle)
         with pytest.raises(ConfigError, match=r"worker process died .* with \d+ of 12 episodes finished") as error:
@@ -93,17 +94,17 @@ def test_dead_worker_loses_nothing_that_was_finished(plan, alone, tmp_path, monk
     before = kept(tmp_path)
     assert 0 < len(before) < 12 and f"with {len(before)} of 12" in str(error.value)
     seen = []
-    assert run_episodes(plan, tmp_path, jobs=2, progress=lambda *report: seen.append(report)) == alone
+    assert run_episodes(plan, tmp_path, jobs=2, progress=lambda *report: seen.append(report)) == serial
     assert {file: when for file, when in kept(tmp_path).items() if file in before} == before
     assert seen[0][1:] == (len(before), 12) and seen[-1][1:] == (12, 12)
 
 
 def test_interrupted_run_goes_on(suite, tmp_path):
-    """An interrupt in the middle of the command leaves finished episodes alone, which the next call keeps."""
+    """An interrupt in the middle of the command leaves only finished episodes, which the next call keeps."""
     scenario = tmp_path / "long.yaml"
     scenario.write_text(SWINGING.format(20.0))
     arguments = ["benchmark", "hsc", "ahsc", "-s", str(scenario), "-n", "30", "-j", "2", "--no-figures"]
-    command = [sys.executable, "-m", "agents.cli", *arguments, "-o", str(tmp_path / "run")]
+    command = [sys.executable, "-m", "sffr_workbench.cli.app", *arguments, "-o", str(tmp_path / "run")]
     running = subprocess.Popen(
         command, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which jobs in the background ignore
@@ -123,10 +124,10 @@ def test_interrupted_run_goes_on(suite, tmp_path):
     assert read_episodes(tmp_path / "run") == run_episodes(fresh, tmp_path / "fresh", jobs=1)
 
 
-def test_more_of_everything_runs_what_is_missing(plan, alone, suite, tmp_path):
+def test_more_of_everything_runs_what_is_missing(plan, serial, suite, tmp_path):
     run_episodes(Plan(("hsc",), suite[:1], 2, SEED, plan.params), tmp_path, jobs=1)
     before = kept(tmp_path)
-    assert run_episodes(plan, tmp_path, jobs=1) == alone
+    assert run_episodes(plan, tmp_path, jobs=1) == serial
     assert before.items() <= kept(tmp_path).items()
 
 
@@ -135,8 +136,8 @@ def test_episodes_of_another_kind_are_not_mixed(plan, suite, tmp_path):
     other = Plan(plan.policies, suite, 3, SEED, plan.params.with_overrides("panel.EI=25"))
     with pytest.raises(ConfigError, match=r"another config_hash.*--overwrite"):
         run_episodes(other, tmp_path, jobs=1)
-    held = json.loads((tmp_path / PLAN).read_text())
-    (tmp_path / PLAN).write_text(json.dumps(held | {"code": "of last week"}))
+    held = json.loads((tmp_path / PLAN_FILE).read_text())
+    (tmp_path / PLAN_FILE).write_text(json.dumps(held | {"code": "of last week"}))
     with pytest.raises(ConfigError, match="another code"):
         run_episodes(plan, tmp_path, jobs=1)
     before = kept(tmp_path)
@@ -155,13 +156,13 @@ def test_episodes_of_another_kind_are_not_mixed(plan, suite, tmp_path):
         ({"seed": 999_999}, "evaluation seeds, from 1000000 up"),
     ],
 )
-def test_faults_are_config_errors_that_help(changes, message):
+def test_errors_are_config_errors_that_help(changes, message):
     whole = {"policies": ("ahsc",), "scenarios": ("nominal",), "episodes": 1, "seed": SEED, "params": load_params()}
     with pytest.raises(ConfigError, match=message):
         Plan(**whole | changes)
 
 
-def test_scenarios_of_one_name_are_refused(suite, tmp_path):
+def test_scenarios_of_one_name_are_an_error(suite, tmp_path):
     twin = tmp_path / "twin.yaml"
     twin.write_text(QUIET)
     with pytest.raises(ConfigError, match="two scenarios are named 'quiet'"):
@@ -174,17 +175,19 @@ def test_score_needs_ahsc(suite, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_run_folder_and_pages(plan, alone, tmp_path):
+def test_run_folder_and_pages(plan, serial, tmp_path):
     command = ["sffr", "benchmark", "--docs", "my docs"]
     table, written = run_benchmark(plan, tmp_path / "run", 1, command, docs=tmp_path / "docs")
     assert all(file.stat().st_size > 0 for file in written)
-    assert read_episodes(tmp_path / "run") == alone
+    assert read_episodes(tmp_path / "run") == serial
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["suite"] == plan.suite and manifest["command"] == "sffr benchmark --docs 'my docs'"
     for folder in "run", "docs":
         page = (tmp_path / folder / "results.md").read_text()
-        assert all((tmp_path / folder / "images" / name).is_file() and f"images/{name}" in page for name in PICTURES)
-        assert page.count("`sffr benchmark --docs 'my docs'`") == page.count("\n## ") + len(PICTURES)
+        assert all(
+            (tmp_path / folder / "images" / name).is_file() and f"images/{name}" in page for name in FIGURE_FILES
+        )
+        assert page.count("`sffr benchmark --docs 'my docs'`") == page.count("\n## ") + len(FIGURE_FILES)
         assert plan.suite in page
     board = read_leaderboard(tmp_path / "docs" / "leaderboard.json")
     assert {entry["policy"] for entry in board} == set(plan.policies)
@@ -194,13 +197,13 @@ def test_run_folder_and_pages(plan, alone, tmp_path):
         assert entry["cost"] == pytest.approx(table.overall[entry["policy"]].cost.value, rel=1e-5)
 
 
-def test_compare_takes_what_runs_have_in_common(plan, alone, suite, tmp_path):
+def test_compare_takes_what_runs_have_in_common(plan, serial, suite, tmp_path):
     run_benchmark(plan, tmp_path / "all", 1, ["sffr"], draw=False)
     write_run(tmp_path / "one", evaluate(["none", "hsc"], suite[0], 2, SEED), ["sffr"])
     results = common_episodes([tmp_path / "all", tmp_path / "one"])
     assert {(r.scenario, r.seed) for r in results} == {("swinging", SEED), ("swinging", SEED + 1)}
     assert list(dict.fromkeys(r.policy for r in results)) == ["hsc", "ahsc", "random", "none"]
-    table = standings(results)
+    table = score_suite(results)
     direct = evaluate(["none", "hsc", "ahsc"], suite[0], 2, SEED)
     for policy, cost in costs(direct.results).items():
         assert table.overall[policy].cost.value == pytest.approx(cost, rel=1e-12)
@@ -228,27 +231,27 @@ def test_commands_from_end_to_end(suite, tmp_path):
     compared = CliRunner().invoke(app, ["compare", out])
     assert compared.exit_code == 0 and "2 common episodes of swinging" in compared.output
     assert done.stdout.splitlines()[:4] == compared.stdout.splitlines()[:4]  # notes go to stderr
-    refused = CliRunner().invoke(app, ["compare", str(tmp_path)])
-    assert refused.exit_code == 2 and "holds no finished run" in refused.stderr
+    rejected = CliRunner().invoke(app, ["compare", str(tmp_path)])
+    assert rejected.exit_code == 2 and "holds no finished run" in rejected.stderr
 
 
-def test_compare_refuses_what_is_no_run(tmp_path):
+def test_what_is_no_run_cannot_be_compared(tmp_path):
     with pytest.raises(ConfigError, match="holds no finished run"):
         common_episodes([tmp_path])
 
 
 @pytest.mark.parametrize("width", [80, 100, 140])
-def test_standings_fit_the_terminal_uncut(alone, width):
+def test_scores_fit_the_terminal_uncut(serial, width):
     console = Console(width=width, record=True, file=io.StringIO())
-    renamed = [replace(r, policy="ahsc-filtered") if r.policy == "hsc" else r for r in alone]
-    commands._print_standings(console, standings(renamed))
+    renamed = [replace(r, policy="ahsc-filtered") if r.policy == "hsc" else r for r in serial]
+    print_scores(console, score_suite(renamed))
     lines = console.export_text().splitlines()
     assert max(map(len, lines)) <= width and not any("…" in line for line in lines)
     assert sum(line.startswith(("ahsc-filtered ", "ahsc ", "random ")) for line in lines) == 3
 
 
 def test_baselines_and_suite_are_those_of_the_task():
-    assert set(BASELINES) == {"none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr"} <= set(POLICIES)
+    assert default_policies() == (*BASELINES, "ppo", "sac") and set(default_policies()) < set(POLICIES)
     assert {"nominal", "excited", "offset", "fast", "payload", "mismatch", "noise", "degraded", "impulse"} == set(
         scenario_names()
     )
@@ -284,7 +287,7 @@ def check_published(scenarios, policies, folder):
     """Run a part of the published suite again; another machine may differ in the last digits."""
     board = leaderboard()
     plan = Plan(policies, scenarios, board["ahsc"]["episodes"], board["ahsc"]["seed"], load_params())
-    table = standings(run_episodes(plan, folder, jobs=1))
+    table = score_suite(run_episodes(plan, folder, jobs=1))
     for policy in policies:
         for scenario in scenarios:
             cost = table.single[scenario][policy].cost.value
@@ -292,6 +295,6 @@ def check_published(scenarios, policies, folder):
 
 
 def test_tuned_damping_beats_that_of_the_paper_where_it_was_tuned():
-    found = load_damping()
+    found = load_tuned_damping()
     assert found.cost < found.hsc_cost
     assert leaderboard()["hsc-tuned"]["scenarios"]["excited"] < leaderboard()["hsc"]["scenarios"]["excited"]

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agents.reproduce import claims, peers, study
-from agents.reproduce.claims import FAILS, HOLDS, PARTLY, UNTESTED
-from agents.reproduce.study import Case
 from sffr_gym import load_params
-from sffr_gym.task import ERROR, JOINT, N_SIGNALS, SAT_JOINT, SAT_THRUST, THRUST
-from verification import Check
+from sffr_gym.task.signals import ERROR, JOINT, N_SIGNALS, SAT_JOINT, SAT_THRUST, THRUST
+from sffr_workbench.reproduce import cases, claims, cross_checks
+from sffr_workbench.reproduce.cases import Case
+from sffr_workbench.reproduce.claims import FAILS, HOLDS, PARTLY, UNTESTED
+from sffr_workbench.verify import Check
 
 
 def measures(**changed):
@@ -23,7 +23,7 @@ def check(error, allowed=1.0):
 
 
 def compared(tips=None, proof=None, error=0.0):
-    return peers.Peers(check(error), check(error), tips or {}, proof, () if tips else ("exudyn",))
+    return cross_checks.CrossChecks(check(error), check(error), tips or {}, proof, () if tips else ("exudyn",))
 
 
 def test_grades():
@@ -34,7 +34,7 @@ def test_grades():
     ("printed", "filtered", "verdict"),
     [(0.5, 0.5, HOLDS), (0.5, 0.95, PARTLY), (1.01, 0.5, PARTLY), (0.95, 0.95, FAILS), (1.01, 1.05, FAILS)],
 )
-def test_damping_is_judged_against_hsc_from_the_same_start(printed, filtered, verdict):
+def test_damping_is_compared_with_hsc_from_the_same_start(printed, filtered, verdict):
     found = {
         Case("hsc", 0.1): measures(vibration=2.0), Case("hsc"): measures(vibration=1.0e-3),
         Case("ahsc", 0.1): measures(vibration=2.0 * printed),
@@ -73,7 +73,7 @@ def test_oscillations(settled, energy, verdict):
 def test_convergence(error, rate, verdict):
     def group(left, other):
         course = np.ones((100, 2))
-        return study.Workspace("base", "m", ("x", "y"), 1e-6 * step(course, left), 1e-6 * step(course, other))
+        return cases.TaskErrors("base", "m", ("x", "y"), 1e-6 * step(course, left), 1e-6 * step(course, other))
 
     def step(course, left):
         course = course.copy()
@@ -146,7 +146,7 @@ def test_staggering_is_an_approximation_at_best(error, verdict):
 
 
 def test_independent_codes_are_compared_for_real():
-    found = peers.compare()
+    found = cross_checks.run_cross_checks()
     assert found.equations.passed and found.equations.error > 0.0
     assert found.staggered.passed and found.staggered.error > 0.0
     assert bool(found.tips) == ("exudyn" not in found.missing and "mujoco" not in found.missing)

@@ -1,4 +1,4 @@
-"""The command line: what it writes and prints, and how it refuses."""
+"""The command line: what it writes and prints, and what is an error."""
 
 import json
 import sys
@@ -6,9 +6,9 @@ import sys
 import pytest
 from command_line import sffr
 
-from agents import verify
 from sffr_gym import load_params
-from verification import Check
+from sffr_workbench.cli import verify
+from sffr_workbench.verify import Check
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,9 @@ def test_table_is_on_stdout_and_nothing_but_notes_on_stderr(run):
 def test_finished_run_is_not_overwritten(run, scenario):
     folder, _ = run
     before = (folder / "summary.json").read_bytes()
-    refused = sffr("evaluate", "hsc", "-s", scenario, "--out", folder, "--no-figures")
-    assert refused.exit_code == 2
-    assert "--overwrite" in refused.stderr
+    rejected = sffr("evaluate", "hsc", "-s", scenario, "--out", folder, "--no-figures")
+    assert rejected.exit_code == 2
+    assert "--overwrite" in rejected.stderr
     assert (folder / "summary.json").read_bytes() == before
 
 

@@ -4,30 +4,36 @@ import numpy as np
 import pytest
 
 from sffr_gym import Simulator
-from sffr_gym._jit import kernel
-from sffr_gym.disturbances import Sensing, add_noise, philox
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.kinematics import rotation
-from sffr_gym.scenario import load_scenario
-from sffr_gym.task import REWARDS, SIGNALS
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.compile.jit import kernel
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.task.disturbances import Sensing, add_noise, philox
+from sffr_gym.task.reward import REWARDS
+from sffr_gym.task.scenario import load_scenario
+from sffr_gym.task.signals import SIGNALS
 
 N_ACTIONS, N_OBS = 15, 52
 MASK = 0xFFFFFFFF
 
 
-@kernel(allocates=True)
+@kernel
 def words(tick, block, key):
     """Four random words."""
     return philox(tick, block, key)
 
 
-@kernel(allocates=True)
+@kernel
+def fill_noises(level, bound, key, noise):
+    """Fill the noise (n_ticks, n_o) of an episode."""
+    for tick in range(len(noise)):
+        add_noise(Sensing(level, key, 0), tick, bound, noise[tick])
+
+
 def noises(level, key, n_ticks):
     """The noise (n_ticks, n_o) of an episode."""
     noise = np.zeros((n_ticks, len(level)))
-    for tick in range(n_ticks):
-        add_noise(Sensing(level, key, 0), tick, np.full(len(level), 1e3), noise[tick])
+    fill_noises(level, np.full(len(level), 1e3), key, noise)
     return noise
 
 

@@ -10,7 +10,10 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+ROOMS = ["sffr_gym", "baselines", "agents", "workbench", "configs", "tests", "docs"]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(file for room in ROOMS for file in (ROOT / room).glob("*.md"))])
+PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(ROOMS)})/[\w./*-]*\w")
+WRITTEN = re.compile(r"docs/(_build|images)/")  # by a command
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
 CONFIG = ROOT / "configs" / "sffr.yaml"
 OF_THE_PAPER = re.compile(r"\b(Table|Eq\.|sec\.)")
@@ -44,7 +47,7 @@ def links(document):
     return [(words.strip("`"), target) for words, target in LINK.findall(text) if "://" not in target]
 
 
-def faults(document):
+def broken_links(document):
     """Links that lead nowhere, as text."""
     found = []
     for words, target in links(document):
@@ -57,14 +60,28 @@ def faults(document):
     return found
 
 
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.relative_to(ROOT).as_posix())
+def test_every_path_in_the_text_exists(document):
+    paths = {path for path in PATH.findall(document.read_text(encoding="utf-8")) if not WRITTEN.match(path)}
+    assert [path for path in sorted(paths) if not any(ROOT.glob(path))] == []
+
+
+def test_targets_of_make_are_those_that_documents_name():
+    targets = set(re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    documents = [*DOCUMENTS, ROOT / ".ci" / "run", *(ROOT / ".github").rglob("*.md")]
+    named = {name for file in documents for name in re.findall(r"`make ([a-z]+)", file.read_text(encoding="utf-8"))}
+    assert len(named) > 5
+    assert named <= targets
+
+
 def sections(document):
     """Numbers of a document's numbered headings."""
     return {int(number) for number in re.findall(r"^## (\d+)\. ", document.read_text(encoding="utf-8"), re.MULTILINE)}
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda file: file.relative_to(ROOT).as_posix())
 def test_everything_linked_exists(document):
-    assert faults(document) == []
+    assert broken_links(document) == []
 
 
 @pytest.mark.parametrize("name", ["physics.md", "errata.md"])
@@ -74,24 +91,24 @@ def test_documents_are_linked_with_the_code_and_from_the_readme(name):
 
 
 @pytest.mark.parametrize(
-    ("text", "fault"),
+    ("text", "error"),
     [
-        ("[`panel.condense`](sffr_gym/panel.py)", None),
-        ("[`Simulator.step`](sffr_gym/simulator.py)", None),
-        ("[`SIGNALS`](sffr_gym/task.py)", None),
-        ("[`task.ATTITUDE`](sffr_gym/task.py)", None),  # one of several on the left of an assignment
-        ("[`panel.condensed`](sffr_gym/panel.py)", "sffr_gym/panel.py has no panel.condensed"),
-        ("[`beam.condense`](sffr_gym/panel.py)", "sffr_gym/panel.py has no beam.condense"),
-        ("[`Simulator.fly`](sffr_gym/simulator.py)", "sffr_gym/simulator.py has no Simulator.fly"),
+        ("[`panel.condense`](sffr_gym/physics/panel.py)", None),
+        ("[`Simulator.step`](sffr_gym/physics/simulator.py)", None),
+        ("[`SIGNALS`](sffr_gym/task/signals.py)", None),
+        ("[`signals.ATTITUDE`](sffr_gym/task/signals.py)", None),  # one of several assigned
+        ("[`panel.condensed`](sffr_gym/physics/panel.py)", "sffr_gym/physics/panel.py has no panel.condensed"),
+        ("[`beam.condense`](sffr_gym/physics/panel.py)", "sffr_gym/physics/panel.py has no beam.condense"),
+        ("[`Simulator.fly`](sffr_gym/physics/simulator.py)", "sffr_gym/physics/simulator.py has no Simulator.fly"),
         ("[paper](docs/nowhere.md)", "docs/nowhere.md: no such file"),
     ],
 )
-def test_a_wrong_link_is_found(text, fault, tmp_path, monkeypatch):
+def test_a_wrong_link_is_found(text, error, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(text, encoding="utf-8")
-    for folder in "sffr_gym", "docs":
+    for folder in "sffr_gym", "baselines", "workbench", "docs":
         (tmp_path / folder).symlink_to(ROOT / folder)
-    assert faults(page) == ([fault] if fault else [])
+    assert broken_links(page) == ([error] if error else [])
 
 
 @pytest.mark.parametrize(("name", "other"), [("physics.md", "errata.md"), ("errata.md", "physics.md")])

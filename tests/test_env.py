@@ -16,9 +16,11 @@ from gymnasium.utils.env_checker import check_env
 from stepping import N_ACTIONS, actions, assert_healthy, assert_same, rollout
 
 import sffr_gym
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.scenario import scenario_names
-from sffr_gym.task import REWARDS, SIGNALS
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.simulator import Simulator
+from sffr_gym.task.reward import REWARDS
+from sffr_gym.task.scenario import scenario_names
+from sffr_gym.task.signals import SIGNALS
 
 ID = "SFFRFlex-v0"
 
@@ -43,6 +45,19 @@ def test_stable_baselines3_checker_is_silent(scenario, made):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         checker.check_env(env)
+
+
+def test_state_is_that_of_the_plant():
+    """Tips are those that the observation shows; the modes that the controllers believe in would give others."""
+    env = SFFRFlexEnv("mismatch")
+    env.reset(seed=3)
+    for action in actions(20, size=0.05):
+        obs, *_ = env.step(action)
+    state = env.state()
+    np.testing.assert_allclose(state.qf.ravel(), obs[env.fields["elastic"].slice], rtol=1e-12)
+    np.testing.assert_allclose(state.qfd.ravel(), obs[env.fields["elastic_rate"].slice], rtol=1e-12)
+    believed = Simulator(env.params).unflatten(state.t, env.positions, env.velocities)
+    assert np.abs(believed.qf / state.qf - 1.0).max() > 0.02
 
 
 def test_prefixed_id_needs_no_import():
@@ -163,7 +178,7 @@ def test_cost_counts_saturated_and_failed_periods(size):
     costs = set()
     for inputs in actions(400, size=size):
         _, _, terminated, _, info = env.step(inputs)
-        saturated = (np.abs(info["applied"]) >= env.robot.actuators.limit).any()
+        saturated = (np.abs(info["applied"]) >= env.plant_task.actuators.limit).any()
         assert info["cost"] == float(saturated or terminated)
         costs.add(info["cost"])
     assert costs == ({0.0} if size < 1.0 else {0.0, 1.0})
@@ -246,7 +261,7 @@ def test_options_and_overrides_take_effect():
 def test_any_number_of_panels_runs_the_same_compiled_code(mounts):
     """Robots without a panel or with one need no compilation of their own (a minute), and work."""
     env = SFFRFlexEnv(overrides=[f"panel.mounts={mounts}"])
-    assert numba.typeof(env.robot) == numba.typeof(SFFRFlexEnv().robot)
+    assert numba.typeof(env.plant_task) == numba.typeof(SFFRFlexEnv().plant_task)
     obs, _ = env.reset(seed=0)
     n_p = env.params.n_panels
     assert env.action_space.shape == (9 + 3 * n_p,) and obs.size == 52 - 12 + 6 * n_p

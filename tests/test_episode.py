@@ -7,15 +7,15 @@ import pytest
 import yaml
 
 from sffr_gym import ConfigError, Simulator
-from sffr_gym.config import config_dir, merge
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw, nominal
-from sffr_gym.model import pack
-from sffr_gym.monolithic import constraint_jacobian
-from sffr_gym.observation import observation_fields
-from sffr_gym.scenario import Scenario, load_scenario, scenario_names
-from sffr_gym.task import SIGNALS
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.config.strict_yaml import config_dir, merge
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.physics.model import pack
+from sffr_gym.physics.monolithic import constraint_jacobian
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.observation import observation_fields
+from sffr_gym.task.scenario import Scenario, load_scenario, scenario_names
+from sffr_gym.task.signals import SIGNALS
 
 SEEDS = range(60)
 SHIPPED = ["degraded", "excited", "fast", "impulse", "mismatch", "noise", "nominal", "offset", "payload"]
@@ -94,7 +94,7 @@ def test_fast_flies_the_circle_at_the_drawn_speed(params):
     assert spread([episode.drawn["path_speed_m_s"] for episode in found], 0.6, 1.2)
 
 
-def test_a_turning_robot_keeps_up_with_a_faster_path(params):
+def test_a_turning_robot_matches_the_speed_of_a_faster_path(params):
     """With the heading along the path, base and object turn about the object at the drawn rate."""
     turning = params.with_overrides("path.heading=tangent", "path.speed=0.5", "initial.qd=[0,0,0,0,0,0,0,0,0]")
     (episode,) = episodes(turning, user(speed=(1.1, 1.1)), [0])
@@ -199,18 +199,18 @@ def test_each_degraded_episode_has_one_fault(params):
     assert faults == {(0, 1, 1, 1), (1, 0, 1, 1), (1, 1, 0.5, 1), (1, 1, 1, 0.5)}
 
 
-def test_impulses_hit_at_any_time_in_any_direction(params):
-    """Three blows of up to 20 N s and 5 N m s, anywhere in the episode; the drawn values say which."""
+def test_impulses_act_at_any_time_in_any_direction(params):
+    """Three impulses of up to 20 N s and 5 N m s, anywhere in the episode; the drawn values say which."""
     found = episodes(params, "impulse")
-    ticks, blows = np.concatenate([episode.impulses.tick for episode in found]), []
+    ticks, impulses = np.concatenate([episode.impulses.tick for episode in found]), []
     for episode in found:
         assert episode.impulses.tick.shape == (3,)
-        for k, blow in enumerate(episode.impulses.impulse):
+        for k, impulse in enumerate(episode.impulses.impulse):
             names = [f"impulse{k}_{name}" for name in ("x_N_s", "y_N_s", "moment_N_m_s")]
-            np.testing.assert_array_equal([episode.drawn[name] for name in names], blow)
+            np.testing.assert_array_equal([episode.drawn[name] for name in names], impulse)
             assert episode.drawn[f"impulse{k}_time_s"] == pytest.approx(episode.impulses.tick[k] * 2e-3, rel=1e-12)
-            blows.append(blow)
-    x, y, moment = np.transpose(blows)
+            impulses.append(impulse)
+    x, y, moment = np.transpose(impulses)
     assert spread(ticks, 0, found[0].ticks - 1)
     assert spread(np.hypot(x, y), 0.0, 20.0)
     assert spread(moment, -5.0, 5.0)
@@ -224,8 +224,8 @@ def test_impulses_hit_at_any_time_in_any_direction(params):
         ({"faults": ({"actuators": "piezo", "remaining": 0.0},)}, "panel.mounts=[]", "no panel whose piezos"),
     ],
 )
-def test_draws_that_the_robot_cannot_have_are_refused(params, keys, override, message):
-    """A payload without an object and piezos without panels are faults of the scenario."""
+def test_draws_that_the_robot_cannot_have_are_rejected(params, keys, override, message):
+    """A payload without an object and piezos without panels are errors of the scenario."""
     with pytest.raises(ConfigError, match=f"mine: .*{message}"):
         episodes(params.with_overrides(override), user(**keys), [0])
 
@@ -275,14 +275,14 @@ def test_the_plant_is_simulated_as_a_robot_of_its_parameters(user_scenario):
 def test_a_fault_cuts_off_what_is_lost_of_the_limit(user_scenario, fault, lost, remaining):
     """An action asks for the same force as ever; what the fault leaves of the limit bounds it, and a dead one is 0."""
     env = SFFRFlexEnv(user_scenario(faults=[{"actuators": fault, "remaining": remaining}]))
-    limit = SFFRFlexEnv().robot.actuators.limit
-    hit = set()
+    limit = SFFRFlexEnv().prior_task.actuators.limit
+    affected = set()
     for seed in range(8):
         env.reset(seed=seed)
         *_, info = env.step(np.full(15, 0.4))
         applied = info["applied"] / limit
         weak = [k for k, places in enumerate(lost) if (applied[places] != 0.4).any()]
-        hit |= set(weak)
+        affected |= set(weak)
         env.reset(seed=seed)
         *_, full = env.step(np.ones(15))
         expected = np.ones(15)
@@ -292,11 +292,11 @@ def test_a_fault_cuts_off_what_is_lost_of_the_limit(user_scenario, fault, lost, 
         groups = {"piezo": slice(0, 6), "thruster": slice(6, 9), "joint": slice(9, 15)}
         for name, places in groups.items():  # what is dead does not saturate
             assert full[f"{name}_saturated"] == pytest.approx((full["applied"][places] != 0.0).mean())
-    assert hit == (set(range(len(lost))) if remaining == 0.0 else set())
+    assert affected == (set(range(len(lost))) if remaining == 0.0 else set())
 
 
 def test_a_plant_may_need_other_steps():
-    """A lighter panel needs shorter steps of the classical integrator: alone it gets them, a batch says it cannot."""
+    """A lighter panel needs shorter steps of the classical integrator: one alone gets them, a batch says it cannot."""
     overrides = ["simulation.integrator=rk4"]
     env = SFFRFlexEnv("mismatch", overrides=overrides)
     batch = SFFRFlexVectorEnv(20, scenario="mismatch", overrides=overrides)
@@ -304,7 +304,7 @@ def test_a_plant_may_need_other_steps():
     for seed in range(20):
         env.reset(seed=seed)
         env.step(np.zeros(15))
-        steps.add(env.robot.steps)
+        steps.add(env.plant_task.steps)
     assert len(steps) > 1
     with pytest.raises(ValueError, match="steps in a control period"):
         batch.reset(seed=0)

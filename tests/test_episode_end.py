@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from stepping import N_ACTIONS, assert_healthy, rollout
 
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.task import REASONS
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.task.status import REASONS
 
 
 def run_until_end(env, action, steps=600):

@@ -10,9 +10,10 @@ from oracle import Oracle
 from scipy.integrate import solve_ivp
 from sympy.physics.mechanics import dynamicsymbols
 
-from sffr_gym import load_params, monolithic
-from sffr_gym.beam import beam
-from sffr_gym.model import pack, panel_beam
+from sffr_gym import load_params
+from sffr_gym.physics import monolithic
+from sffr_gym.physics.beam import beam
+from sffr_gym.physics.model import pack, panel_beam
 
 PANEL = load_params().panel
 B0 = np.array(load_params().suppression.B0)

@@ -4,13 +4,13 @@ import numba
 import numpy as np
 import pytest
 
-from sffr_gym import env as single
-from sffr_gym.batch import make_batch, start_episode, step_range
-from sffr_gym.episode import draw, nominal
-from sffr_gym.fleet import make_fleet, put_robot, robot_at
-from sffr_gym.params import load_params
-from sffr_gym.scenario import load_scenario
-from sffr_gym.task import make_robot
+from sffr_gym.config.params import load_params
+from sffr_gym.envs import single
+from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch
+from sffr_gym.envs.fleet import make_fleet, plant_at, put_plant
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.scenario import load_scenario
+from sffr_gym.task.task_model import make_task_model
 
 ROBOTS = {
     "case study": [],
@@ -29,14 +29,14 @@ def leaves(value):
 
 
 def robot_of(*overrides):
-    return make_robot(load_params().with_overrides(*overrides))
+    return make_task_model(load_params().with_overrides(*overrides))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_row_gives_the_robot_back(name):
     robot = robot_of(*ROBOTS[name])
     fleet = make_fleet(robot, 3)
-    seen = robot_at(fleet, 2, np.zeros(2, dtype=np.int64))
+    seen = plant_at(fleet, 2)
     assert numba.typeof(seen) == numba.typeof(robot)
     for theirs, ours in zip(leaves(seen), leaves(robot), strict=True):
         np.testing.assert_array_equal(theirs, ours)
@@ -44,19 +44,20 @@ def test_a_row_gives_the_robot_back(name):
 
 def test_a_single_row_serves_every_environment():
     fleet = make_fleet(robot_of())
-    assert robot_at(fleet, 7, np.zeros(2, dtype=np.int64)).model.base_mass == 50.0
+    assert plant_at(fleet, 7).model.base_mass == 50.0
 
 
 def run(robots, ticks=40):
     """Everything about the robots after some periods of a batch of different robots from the same start."""
     params, scenario = load_params(), load_scenario("excited")
     fleet, batch = make_fleet(robots[0], len(robots)), make_batch(robots[0], len(robots))
+    memory = batch_memory(robots[0], len(robots))
     for i, robot in enumerate(robots):
-        put_robot(fleet, i, robot)
-        start_episode(fleet, batch, i, draw(scenario, nominal(params), np.random.default_rng(3)))
+        put_plant(fleet, i, robot)
+        start_episode(fleet, batch, memory, i, draw(scenario, nominal(params), np.random.default_rng(3)))
     actions = np.tile(np.random.default_rng(4).uniform(-0.1, 0.1, 15), (len(robots), 1))
     for _ in range(ticks):
-        step_range(fleet, batch, actions, np.ones(len(robots), dtype=np.bool_), 0, len(robots))
+        step_batch(fleet, batch, memory, actions, np.ones(len(robots), dtype=np.bool_))
     return np.hstack([batch.p, batch.v, batch.obs, batch.signals])
 
 
@@ -72,7 +73,7 @@ def test_a_robot_of_another_structure_is_refused(overrides):
     fleet = make_fleet(robot_of(), 2)
     before = fleet.numbers.copy()
     with pytest.raises(ValueError, match="as many links, kept modes"):
-        put_robot(fleet, 1, robot_of(*overrides))
+        put_plant(fleet, 1, robot_of(*overrides))
     np.testing.assert_array_equal(fleet.numbers, before)
 
 

@@ -7,11 +7,13 @@ import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from sffr_gym import Params, Simulator, State, load_params
-from sffr_gym.integrator import INTEGRATORS, advance, step_workspace
-from sffr_gym.kinematics import rotation
-from sffr_gym.model import joint_slice, modal, mode_slice
+from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import joint_slice, modal, mode_slice
 
 Array = NDArray[np.float64]
 
@@ -104,7 +106,7 @@ def test_order_is_four(overrides: tuple[str, ...], integrator: str, max_step: fl
     counts = np.array([100, 200, 400])
     fastest = simulator.frequencies(start).max()
     assert 0.02 < fastest / counts.max() < fastest / counts.min() < 0.15
-    assert (len(simulator.model.stiff) > 0) == (max_step == 0.1)
+    assert (len(simulator.model.stiff.omega) > 0) == (max_step == 0.1)
 
     def end(count: int) -> Array:
         state = start
@@ -115,6 +117,43 @@ def test_order_is_four(overrides: tuple[str, ...], integrator: str, max_step: fl
     exact = end(3200)
     errors = [np.abs(end(int(count)) - exact).max() for count in counts]
     assert np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(-4.0, abs=0.2)
+
+
+@pytest.mark.parametrize("changes", [(), (ALONE,)], ids=["case study", "free"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_one_step_follows_the_equations_of_motion(integrator: str, changes: tuple[str, ...]) -> None:
+    """A step under forces on all actuators against SciPy's high-order method, on panels that it can follow."""
+    simulator = Simulator(case_study(*changes, *SOFT, "panel.strain_rate_damping=0.02"), integrator=integrator)
+    start = simulator.initial_state()
+    rng = np.random.default_rng(5)
+    if simulator.model.object_mass == 0:
+        start = replace(start, qd=np.array([0.85, 0, 0.3, *np.linspace(-0.5, 0.6, 6)]))
+    start = replace(start, qf=rng.uniform(-0.01, 0.01, start.qf.shape), qfd=rng.uniform(-0.1, 0.1, start.qfd.shape))
+    command, n = random_command(rng), len(vector(start)) // 2
+    shapes = [part.shape for part in (start.q, start.qf, start.obj) if part is not None]
+    cuts = np.cumsum([np.prod(shape, dtype=int) for shape in shapes])
+
+    def state(values: Array) -> State:
+        halves = []
+        for half in (values[:n], values[n:]):
+            parts = [part.reshape(shape) for part, shape in zip(np.split(half, cuts[:-1]), shapes, strict=True)]
+            halves.append([*parts, None][:3])
+        (q, qf, obj), (qd, qfd, objd) = halves
+        return State(0.0, q, qd, qf, qfd, obj, objd)
+
+    def flat(*parts: Array | None) -> Array:
+        return np.concatenate([part.ravel() for part in parts if part is not None])
+
+    def rates(t: float, values: Array) -> Array:
+        return np.concatenate([values[n:], flat(*simulator.acceleration(state(values), **command))])
+
+    h = 0.02
+    begin = np.concatenate([flat(start.q, start.qf, start.obj), flat(start.qd, start.qfd, start.objd)])
+    exact = solve_ivp(rates, (0.0, h), begin, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    end = simulator.step(start, **command, dt=h)
+    found = np.concatenate([flat(end.q, end.qf, end.obj), flat(end.qd, end.qfd, end.objd)])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6)
+    assert len(simulator.model.stiff) > 0
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="a million evaluations, too many for the interpreter")
@@ -232,7 +271,7 @@ def test_long_steps_are_cut_into_equal_ones_of_at_most_max_step() -> None:
     """2.5 times max_step is three steps of equal length; a whole number of them is the same as one by one."""
     simulator = Simulator(case_study(), max_step=1e-3)
     start, command = simulator.initial_state(), random_command(np.random.default_rng(3))
-    model, work = simulator.model, step_workspace(simulator.model)
+    model, work = simulator.model, new_workspace(step_shapes(simulator.model))
     tau = np.zeros(joint_slice(model).stop + model.omega2.size + 3)
     tau[:3], tau[joint_slice(model)] = command["base"], command["joints"]
     tips = np.zeros_like(start.qf)

@@ -4,58 +4,61 @@ import os
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
-from sffr_gym import _jit
+from sffr_baselines import make_policy
+from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.rollout import rollout
+from sffr_gym.compile import jit
+from sffr_gym.compile.linalg import assign
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.simulator import Simulator
 
-PACKAGES = ("sffr_gym", "baselines", "verification", "agents")
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "sffr_gym": ".",
+    "sffr_baselines": "baselines",
+    "sffr_agents": "agents",
+    "sffr_workbench": "workbench",
+}  # and their folders
 
-COMPILE_AND_LIST = """
-import importlib, pkgutil
-import gymnasium, numba, numpy as np
-from numba.core import types
-import baselines, sffr_gym
-from baselines import make_policy
-from baselines.rollout import rollout
 
 def holds_array(kind):
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, numba.types.BaseTuple):
         return any(holds_array(member) for member in kind.types)
-    return isinstance(kind, types.Array)
-
-env = gymnasium.make("SFFRFlex-v0", overrides=["simulation.max_step=0.002"]).unwrapped
-env.reset(seed=0)
-env.step(np.zeros(env.action_space.shape))
-rollout(env, make_policy("ahsc", env), seed=0)
-for package in (sffr_gym, baselines):
-    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-        for name, value in vars(importlib.import_module(module.name)).items():
-            if isinstance(value, numba.core.dispatcher.Dispatcher):
-                for signature in value.nopython_signatures:
-                    print(name, holds_array(signature.return_type), value.targetoptions["_nrt"])
-"""
+    return isinstance(kind, numba.types.Array)
 
 
-@pytest.mark.slow
-def test_only_kernels_with_reference_counting_return_arrays(tmp_path):
-    """Else the caller would free memory that it never took hold of. An empty cache makes numba type every kernel."""
-    listed = subprocess.run(
-        [sys.executable, "-c", COMPILE_AND_LIST],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True, check=True,
-    ).stdout.split("\n")  # fmt: skip
-    rows = [line.split() for line in listed if line]
-    assert len(rows) > 30
-    returning = [(name, counted) for name, has_array, counted in rows if has_array == "True"]
-    assert ("_reference", "True") in returning
-    assert all(counted == "True" for _, counted in returning), returning
+def test_kernels_hand_no_arrays_to_python():
+    """They count no references: Python would free memory that no kernel took hold of."""
+    for make in (SFFRFlexEnv, SFFRFlexDampingEnv):
+        env = make()
+        env.reset(seed=0)
+        env.step(np.zeros(env.action_space.shape))
+    env = SFFRFlexEnv()
+    env.scenario = env.scenario.model_copy(update={"duration": 0.01})
+    rollout(env, make_policy("ahsc", env), seed=0)
+    Simulator().grasp_forces(Simulator().initial_state())
+    called = {}
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] in PACKAGES:
+            for value in vars(module).values():
+                if isinstance(value, Dispatcher):
+                    assert value.targetoptions["_nrt"] is False, value
+                    called |= {value.__name__: [each.return_type for each in value.nopython_signatures]}
+    entered = {name for name, kinds in called.items() if kinds}
+    assert {"step_range", "damping_range", "observe_one", "run", "accelerations"} <= entered
+    assert [name for name, kinds in called.items() if any(map(holds_array, kinds))] == []
 
 
 def test_kernels_see_nan_and_divide_as_numpy():
-    @_jit.kernel
+    @jit.kernel
     def ratio(a, b):
         return a / b
 
@@ -63,87 +66,119 @@ def test_kernels_see_nan_and_divide_as_numpy():
     assert np.isnan(ratio(0.0, 0.0))
 
 
-def test_cache_folder_follows_the_sources(tmp_path, monkeypatch):
-    monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", False)
-    monkeypatch.setattr(_jit, "_sources", [])
-    monkeypatch.setattr(_jit, "_folders", {})
+def test_cache_folder_follows_every_source_and_the_settings(tmp_path, monkeypatch):
+    """Whatever words a file contains, and wherever the user put the cache."""
+    monkeypatch.setattr(jit, "_folders", {})
     source = tmp_path / "law.py"
-    source.write_text("from sffr_gym._jit import kernel\nGAIN = 1.0\n")
-    first = _jit.cache_sources("law", tmp_path)
-    assert _jit._folders == {"law": first}
-    monkeypatch.setattr(_jit, "_sources", [])
-    source.write_text("from sffr_gym._jit import kernel\nGAIN = 2.0\n")
-    assert _jit.cache_sources("law", tmp_path) != first
+
+    def folder(text):
+        monkeypatch.setattr(jit, "_sources", [])
+        source.write_text(text)
+        return jit.cache_sources("law", [source])
+
+    first = folder("GAIN = 1.0\n")
+    assert jit._folders == {"law": first}
+    assert folder("GAIN = 1.0\n") == first
+    assert folder("GAIN = 2.0\n") != first
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1 - bool(numba.config.BOUNDSCHECK))
+    assert folder("GAIN = 1.0\n") != first
 
 
-def test_a_user_s_cache_folder_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(_jit, "_USER_CHOSE_CACHE", True)
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    assert _jit.cache_sources("sffr_gym", Path(_jit.__file__).parent) == tmp_path
+def test_layers_are_those_that_import_linter_checks():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    (layers,) = [contract["layers"] for contract in contracts if contract.get("containers") == ["sffr_gym"]]
+    assert list(jit.LAYERS) == layers[::-1]
 
 
 def test_caches_that_nobody_used_for_a_month_go(tmp_path, monkeypatch):
-    monkeypatch.setattr(_jit, "CACHE_ROOT", tmp_path)
-    monkeypatch.setattr(_jit, "_folders", {"sffr_gym": tmp_path / "mine"})
+    monkeypatch.setattr(jit, "CACHE_ROOT", tmp_path)
+    monkeypatch.setattr(jit, "_folders", {"sffr_gym": tmp_path / "mine"})
     for name, days in (("mine", 60), ("recent", 5), ("old", 60)):
         (tmp_path / name).mkdir()
         long_ago = time.time() - days * 24 * 3600
         os.utime(tmp_path / name, (long_ago, long_ago))
-    _jit.remove_stale_caches()
+    jit.remove_stale_caches()
     assert {folder.name for folder in tmp_path.iterdir()} == {"mine", "recent"}
 
 
 def test_import_order_does_not_matter():
     """A kernel is cached in the same place whichever package is imported first; others' kernels are left alone."""
-    code = "import {}, numba, sffr_gym.batch as b; print(b.step_range._cache.cache_path, numba.config.CACHE_DIR)"
+    code = "import {}, numba, sffr_gym.envs.batch as b; print(b.step_range._cache.cache_path, numba.config.CACHE_DIR)"
     places = {
         subprocess.run([sys.executable, "-c", code.format(first)], capture_output=True, text=True, check=True).stdout
-        for first in ("sffr_gym", "baselines")
+        for first in ("sffr_gym", "sffr_baselines")
     }
     assert len(places) == 1
 
 
-def own_cache(code, cache):
+def own_cache(code, cache, name="XDG_CACHE_HOME"):
     """What a fresh interpreter prints whose compiled code lies under ``cache``."""
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    environment["XDG_CACHE_HOME"] = str(cache)
-    return subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    ).stdout.split()
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment | {name: str(cache)}, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "NUMBA_CACHE_DIR"])
+def test_compiled_code_lies_in_a_folder_of_ours(name, tmp_path):
+    """Named by the sources, in the user's own numba cache as well."""
+    code = "import sffr_gym.envs.batch as b; print(b.step_range._cache.cache_path)"
+    (place,) = own_cache(code, tmp_path, name)
+    assert Path(place).is_relative_to(tmp_path / "sffr-gym")
 
 
 def test_command_line_waits_for_no_kernels_but_simulator_and_controllers(tmp_path):
     """It would announce a compilation at every run if it asked for those that only ``sffr bench`` compiles."""
     code = """
-import agents.cli
-from sffr_gym import _jit
-print(_jit.is_compiled())
-for package in ("sffr_gym", "baselines"):
-    _jit._folders[package].mkdir(parents=True, exist_ok=True)
-    (_jit._folders[package] / "kernel.nbi").touch()
-    print(_jit.is_compiled())
+import sffr_workbench.cli.app
+from sffr_baselines import make_policy
+from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.rollout import rollout
+from sffr_gym.compile import jit
+from sffr_gym.compile.linalg import assign
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.simulator import Simulator
+print(jit.is_compiled())
+for package in ("sffr_gym.envs", "sffr_baselines"):
+    jit._folders[package].mkdir(parents=True, exist_ok=True)
+    (jit._folders[package] / "kernel.nbi").touch()
+    print(jit.is_compiled())
 """
     assert own_cache(code, tmp_path) == ["False", "False", "True"]
 
 
 def test_every_file_with_kernels_is_hashed(tmp_path):
     """Else an edit there would go unnoticed, and what is compiled of it would lie outside of the cache."""
-    root = Path(_jit.__file__).parents[1]
-    files = [path for package in PACKAGES for path in (root / package).rglob("*.py") if "\n@kernel" in path.read_text()]
-    modules = {path: ".".join(path.relative_to(root).with_suffix("").parts) for path in files}
-    assert {"sffr_gym.integrator", "baselines.mic", "agents.bench.kernels.loops"} < set(modules.values())
+    modules = {
+        path: ".".join(path.relative_to(ROOT / folder).with_suffix("").parts)
+        for package, folder in PACKAGES.items()
+        for path in (ROOT / folder / package).rglob("*.py")
+        if "\n@kernel" in path.read_text()
+    }
+    assert {"sffr_gym.physics.dynamics", "sffr_baselines.mic", "sffr_workbench.speed.kernels.loops"} < {
+        *modules.values()
+    }
     code = f"""
 import importlib, pathlib
-from sffr_gym import _jit
+from sffr_baselines import make_policy
+from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.rollout import rollout
+from sffr_gym.compile import jit
+from sffr_gym.compile.linalg import assign
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.simulator import Simulator
 for path, module in {[(str(path), module) for path, module in modules.items()]}:
     importlib.import_module(module)
-    print(pathlib.Path(path).read_bytes() in _jit._sources and module.rpartition(".")[0] in _jit._folders)
+    print(pathlib.Path(path).read_bytes() in jit._sources and jit._folder_of(module) is not None)
 """
-    assert own_cache(code, tmp_path) == ["True"] * len(files)
+    assert own_cache(code, tmp_path) == ["True"] * len(modules)
 
 
 @pytest.mark.parametrize("size", [0, 1, 5])
 def test_assign_copies(size):
     source, target = np.arange(float(size)), np.full(size, np.nan)
-    _jit.assign(target, source)
+    assign(target, source)
     assert (target == source).all()

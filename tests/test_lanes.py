@@ -1,12 +1,15 @@
 """Numbers in lanes: each lane computes what a plain number computes, bit for bit."""
 
 from math import cos, exp, isfinite, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from sffr_gym._jit import kernel
-from sffr_gym.lanes import ONE, WIDTH, any_lane, columns, floor, gather, in_lanes, take, where, zeros
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.lanes import WIDTH, any_lane, columns, floor, gather, take, where
+from sffr_gym.compile.workspace import allocate, workspace
+from sffr_gym.types import Array
 
 SPECIAL = (0.0, -0.0, 1.0, -1.5, 1e300, -1e-300, 5e-324, np.inf, -np.inf, np.nan)
 
@@ -31,29 +34,30 @@ def compute(x, y, out):
     out[19], out[20] = max(a, 0.5), min(2.0, b)
 
 
-@kernel(allocates=True)
-def run(rows, others, results, one):
-    """Compute all rows, in numbers of the kind of ``one``."""
-    x, y, out = zeros(one, 1), zeros(one, 1), zeros(one, results.shape[1])
-    width = columns(x).shape[1]
+class Operands(NamedTuple):
+    """Two numbers and what is computed of them."""
+
+    x: Array
+    y: Array
+    out: Array
+
+
+@inline
+def operand_shapes():
+    return Operands((1,), (1,), (21,))
+
+
+@kernel
+def run(rows, others, results, block):
+    """Compute all rows, in numbers of the kind of the block."""
+    work = workspace(block, operand_shapes())
+    width = columns(work.x).shape[1]
     for i in range(0, len(rows), width):
-        gather(rows, i, x)
-        gather(others, i, y)
-        compute(x, y, out)
+        gather(rows, i, work.x)
+        gather(others, i, work.y)
+        compute(work.x, work.y, work.out)
         for lane in range(width):
-            take(out, lane, results[i + lane])
-
-
-@kernel(allocates=True)
-def run_plain(rows, others, results):
-    """Compute row by row."""
-    run(rows, others, results, ONE)
-
-
-@kernel(allocates=True)
-def run_lanes(rows, others, results):
-    """Compute in lanes."""
-    run(rows, others, results, in_lanes(ONE))
+            take(work.out, lane, results[i + lane])
 
 
 @pytest.fixture(scope="module")
@@ -71,30 +75,22 @@ def test_each_lane_has_the_bits_of_a_plain_number(pairs):
     rows, others = pairs[:, :1].copy(), pairs[:, 1:].copy()
     plain, lanes = np.zeros((len(rows), 21)), np.zeros((len(rows), 21))
     with np.errstate(all="ignore"):
-        run_plain(rows, others, plain)
-        run_lanes(rows, others, lanes)
+        run(rows, others, plain, allocate(operand_shapes())[0])
+        run(rows, others, lanes, allocate(operand_shapes(), lanes=True)[0])
     assert (np.isnan(plain) == np.isnan(lanes)).all()
     there = ~np.isnan(plain)
     np.testing.assert_array_equal(plain[there].view(np.int64), lanes[there].view(np.int64))
     assert np.ptp(plain[there]) > 0.0
 
 
-@kernel(allocates=True)
-def find(rows, threshold, one):
+@kernel
+def find(rows, threshold, found, block):
     """Say for each group of rows whether any exceeds the threshold."""
-    x = zeros(one, 1)
-    width = columns(x).shape[1]
-    found = np.zeros(len(rows) // width)
+    work = workspace(block, operand_shapes())
+    width = columns(work.x).shape[1]
     for i in range(0, len(rows), width):
-        gather(rows, i, x)
-        found[i // width] = 1.0 if any_lane(x[0] > threshold) else 0.0
-    return found
-
-
-@kernel(allocates=True)
-def find_in_lanes(rows, threshold):
-    """Say for each group of as many rows as there are lanes."""
-    return find(rows, threshold, in_lanes(ONE))
+        gather(rows, i, work.x)
+        found[i // width] = 1.0 if any_lane(work.x[0] > threshold) else 0.0
 
 
 def test_any_lane_sees_each_lane():
@@ -102,4 +98,6 @@ def test_any_lane_sees_each_lane():
     rows = np.zeros((WIDTH * (WIDTH + 1), 1))
     for lane in range(WIDTH):
         rows[lane * WIDTH + lane] = 2.0
-    assert list(find_in_lanes(rows, 1.0)) == [1.0] * WIDTH + [0.0]
+    found = np.full(WIDTH + 1, np.nan)
+    find(rows, 1.0, found, allocate(operand_shapes(), lanes=True)[0])
+    assert list(found) == [1.0] * WIDTH + [0.0]

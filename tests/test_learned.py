@@ -11,27 +11,20 @@ import torch
 from small_training import PPO_SMALL, small
 from stable_baselines3 import PPO
 
-from agents.benchmark.episodes import Plan, run_episodes
-from agents.evaluate import evaluate
-from agents.learned import (
-    LearnedSchedule,
-    Network,
-    load_policy,
-    load_schedule,
-    policy_title,
-    save_schedule,
-    shipped_policies,
-)
-from agents.learning.algorithms import make_model
-from agents.learning.config import CONFIGS, load_config
-from agents.learning.export import export_run, export_zip, network_of
-from agents.learning.folder import BEST, LAST, PROGRESS
-from agents.learning.train import train
-from agents.residual_env import SFFRFlexDampingEnv
-from agents.score import costs
-from baselines.rollout import rollout
+from sffr_agents.algorithms import make_model
+from sffr_agents.config import CONFIGS, load_config
+from sffr_agents.export import export_run, export_zip, network_of
+from sffr_agents.folder import BEST, LAST, PROGRESS
+from sffr_agents.train import train
+from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save_schedule, shipped_policies
+from sffr_baselines.policies import policy_title
+from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
-from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.task.score import costs
+from sffr_workbench.benchmark.episodes import Plan, run_episodes
+from sffr_workbench.evaluation import evaluate
 
 
 @pytest.mark.parametrize("algo", CONFIGS)
@@ -45,6 +38,7 @@ def test_export_decides_as_torch_does(algo, change, tmp_path):
     file = tmp_path / "policy.npz"
     save_schedule(file, LearnedSchedule.of(network_of(model), env.unwrapped.env, {"seed": 0}))
     schedule = load_schedule(file)
+    assert schedule.base_tolerance == config.environment.base_tolerance == 0.003
     rng = np.random.default_rng(0)
     obs = rng.uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
     expected, _ = model.predict(obs.reshape(-1, *model.observation_space.shape), deterministic=True)
@@ -62,6 +56,7 @@ def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     )
     bare.scenario = damping._distribution()
     policy = schedule.policy(bare.params)
+    assert schedule.base_tolerance == policy.law.schedule.tolerance == 0.003  # of the shipped configuration
     compiled = rollout(bare, policy, seed=4)
     obs, _ = damping.reset(seed=4)
     for k in range(10):
@@ -84,8 +79,8 @@ class Missing:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Missing())
 from typer.testing import CliRunner
-from agents.cli import app
-from agents.learned import load_schedule
+from sffr_workbench.cli.app import app
+from sffr_baselines.learned import load_schedule
 folder = pathlib.Path(sys.argv[1])
 load_schedule(folder / "policy.npz").predict([0.0] * 14)
 (folder / "short.yaml").write_text("name: short\\ndescription: short\\nduration: 0.5\\n")
@@ -170,7 +165,7 @@ def test_files_stand_beside_baselines_in_evaluation_and_benchmark(schedule, shor
         run_episodes(plan, tmp_path / "run", jobs=1)
 
 
-def test_policies_of_one_title_are_refused(schedule, short, tmp_path):
+def test_policies_of_one_title_are_rejected(schedule, short, tmp_path):
     files = [tmp_path / folder / "run" / "best.npz" for folder in ("a", "b")]
     for file in files:
         file.parent.mkdir(parents=True)
@@ -185,9 +180,19 @@ def test_titles_are_short_and_told_apart_by_folder():
     ]  # fmt: skip
 
 
-def test_unknown_policy_is_named_with_the_nearest():
-    with pytest.raises(ConfigError, match="unknown policy 'ahcs'; did you mean 'ahsc'"):
-        load_policy("ahcs", load_params())
+def test_schedules_are_read_by_name_and_by_path():
+    file = shipped_policies()["sac"]
+    for name in ("sac", str(file), file):
+        assert load_schedule(name).trained["algo"] == "sac"
+    with pytest.raises(FileNotFoundError):
+        load_schedule("nowhere/best.npz")
+
+
+@pytest.mark.parametrize(("name", "hint"), [("sca", "; did you mean 'sac'?"), ("ahsc", ""), ("runs/best", "")])
+def test_unknown_schedule_is_named_with_the_nearest(name, hint):
+    with pytest.raises(ConfigError) as error:
+        load_schedule(name)
+    assert f"nor an .npz file{hint} (shipped: ppo, sac)" in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +207,7 @@ def test_unknown_policy_is_named_with_the_nearest():
         ({"about": np.array('{"format": "sffr-policy-9"}')}, "has the format 'sffr-policy-9'"),
     ],
 )
-def test_file_that_is_no_policy_is_refused(schedule, changes, message, tmp_path):
+def test_file_that_is_no_policy_is_rejected(schedule, changes, message, tmp_path):
     """Compiled code would read beyond the weights if the sizes were wrong, and pickled ones could run anything."""
     file = tmp_path / "policy.npz"
     save_schedule(file, schedule)
@@ -220,7 +225,7 @@ def test_text_is_no_policy(tmp_path):
         load_schedule(file)
 
 
-def test_policy_of_another_robot_is_refused(schedule):
+def test_policy_of_another_robot_is_rejected(schedule):
     with pytest.raises(ConfigError, match="was made for a robot"):
         schedule.policy(
             load_params().with_overrides("panel.mounts=[{name: single, root: [-0.3, 0.5], angle: 1.5707963}]")
@@ -230,7 +235,7 @@ def test_policy_of_another_robot_is_refused(schedule):
 @pytest.mark.parametrize("name", shipped_policies())
 def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
     """It comes from the shipped configuration of its name; on Table IV's start it keeps what the results say."""
-    trained = load_schedule(shipped_policies()[name]).trained
+    trained = load_schedule(name).trained
     assert {"algo", "seed", "steps", "config_hash", "suite_hash"} <= trained.keys()
     assert (trained["algo"], trained["config_hash"]) == (name, load_config(name).hash())
     evaluation = evaluate([name, "ahsc"], "nominal")

@@ -1,4 +1,4 @@
-"""Trainings: the same seed gives the same weights, and a killed one goes on as if nothing had happened."""
+"""Trainings: the same seed gives the same weights, and a killed one resumes with the same ones."""
 
 import json
 import os
@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 import torch
 from small_training import PPO_SMALL, assert_same, small, weights
+from stable_baselines3.common.policies import ActorCriticPolicy
 from typer.testing import CliRunner
 
-from agents.cli import app
-from agents.learning import energy_scaling
-from agents.learning.algorithms import make_model
-from agents.learning.checkpoint import load_checkpoint, save_checkpoint
-from agents.learning.config import CONFIGS, load_config
-from agents.learning.folder import CHECKPOINTS, PROGRESS
-from agents.learning.log import CsvTable
-from agents.learning.train import resume, train
+from sffr_agents import energy_scaling
+from sffr_agents.algorithms import make_model
+from sffr_agents.checkpoint import load_checkpoint, save_checkpoint
+from sffr_agents.config import CONFIGS, load_config
+from sffr_agents.folder import BEST, CHECKPOINTS, LAST, PROGRESS
+from sffr_agents.log import CsvLog
+from sffr_agents.train import resume, train
+from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError
+from sffr_workbench.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 
@@ -40,7 +42,7 @@ def kill_at(steps):
 
 
 @pytest.mark.parametrize("algo", CONFIGS)
-def test_killed_training_goes_on_as_if_nothing_had_happened(algo, tmp_path):
+def test_killed_training_resumes_with_the_same_weights(algo, tmp_path):
     """Which is also that the same seed gives the same weights."""
     config = small(algo)
     train(config, 3, tmp_path / "whole")
@@ -53,11 +55,21 @@ def test_killed_training_goes_on_as_if_nothing_had_happened(algo, tmp_path):
     assert steps[0] == steps[1]
 
 
-def test_training_killed_at_any_moment_goes_on(tmp_path):
+def test_training_killed_at_any_moment_resumes(tmp_path):
     """A process that is killed without warning leaves a folder from which --resume ends with the same weights."""
     settings = [*PPO_SMALL, "steps=100000", "checkpoints.every=16", "learning.final_learning_rate=1.0e-3"]
     changes = [part for setting in settings for part in ("--set", setting)]
-    command = [sys.executable, "-m", "agents.cli", "train", "--seed", "3", *changes, "-o", str(tmp_path / "killed")]
+    command = [
+        sys.executable,
+        "-m",
+        "sffr_workbench.cli.app",
+        "train",
+        "--seed",
+        "3",
+        *changes,
+        "-o",
+        str(tmp_path / "killed"),
+    ]
     running = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
     while len(list((tmp_path / "killed" / CHECKPOINTS).glob("00*"))) < 2:
         assert running.poll() is None
@@ -76,7 +88,7 @@ def test_training_killed_at_any_moment_goes_on(tmp_path):
     assert_same(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
 
 
-def test_killed_before_the_first_checkpoint_begins_anew(tmp_path):
+def test_killed_before_the_first_checkpoint_starts_again(tmp_path):
     config = small("ppo")
     with pytest.raises(Killed):
         train(config, 3, tmp_path / "killed", kill_at(10))
@@ -93,8 +105,27 @@ def test_other_seed_gives_other_weights(tmp_path):
     assert any(not torch.equal(first[name], second[name]) for name in first)
 
 
+def test_best_policy_is_the_one_that_cost_least(tmp_path, monkeypatch):
+    """Not the last one, even if that costs as little; its scores are returned, and its weights kept."""
+    costs = [3.0, 1.0, 1.0]
+
+    class Scripted:
+        def __init__(self, settings, params):
+            self._left = iter(costs)
+
+        def __call__(self, schedule):
+            return {"cost": next(self._left)}
+
+    monkeypatch.setattr("sffr_agents.train.Validator", Scripted)
+    config = small("ppo", "steps=96", "validation.every=32")
+    assert train(config, 0, tmp_path) == {"cost": 1.0}
+    best, last = (load_schedule(tmp_path / name) for name in (BEST, LAST))
+    assert (best.trained["steps"], last.trained["steps"]) == (64, 96)
+    assert not np.array_equal(best.network.flat(), last.network.flat())
+
+
 @pytest.mark.parametrize("seed", [-1, 900_000, 1_000_000])
-def test_seeds_of_evaluation_are_refused(seed, tmp_path):
+def test_seeds_of_evaluation_are_rejected(seed, tmp_path):
     with pytest.raises(ConfigError, match="evaluation alone"):
         train(small("ppo"), seed, tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -111,15 +142,24 @@ def test_seeds_of_evaluation_are_refused(seed, tmp_path):
         (["--resume", "--out", "nothing"], "holds no training"),
     ],
 )
-def test_faults_of_the_user_are_named(arguments, message):
+def test_errors_of_the_user_are_named(arguments, message):
     result = CliRunner().invoke(app, ["train", *arguments])
     assert result.exit_code == 2
     assert message in result.output
 
 
-def test_every_shipped_configuration_is_valid():
-    for algo in CONFIGS:
-        assert load_config(algo).algo == algo
+@pytest.mark.parametrize(
+    ("algo", "defaults", "shipped"),
+    [
+        ("ppo", "89678e9acd959d33", "deb5a4e40e1f17e2"), ("sac", "dea1c7d7e8a9168b", "2555dc7fd9ff6537"),
+        ("td3", "27f3ec1abdd28958", "9f848506bc5e3e97"), ("tqc", "e2fb7a3abdef5853", "9be1e517150f96e5"),
+        ("crossq", "344cbef4e4c153c2", "ab1715acbf1cfa60"),
+    ],
+)  # fmt: skip
+def test_configurations_are_valid_and_what_trainings_were_named_by(algo, defaults, shipped):
+    """A changed default would give another training under the same file."""
+    assert (CONFIGS[algo](algo=algo).hash(), load_config(algo).hash()) == (defaults, shipped)
+    assert load_config(algo).algo == algo
 
 
 def test_advantages_count_alike_at_any_amplitude():
@@ -135,8 +175,31 @@ def test_advantages_count_alike_at_any_amplitude():
             value = torch.tensor(rng.normal(size=1) * size**2)
             buffer.add(obs, np.zeros((1, 2)), rng.normal(size=1) * size**2, np.zeros(1), value, torch.zeros(1))
         buffer.compute_returns_and_advantage(torch.tensor([size**2]), np.zeros(1))
-        results.append(buffer.advantages)
+        results.append((buffer.advantages, buffer.returns, buffer.values))
     np.testing.assert_allclose(results[0], results[1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
+@pytest.mark.parametrize("algo", CONFIGS)
+def test_energy_scaling_is_what_the_configuration_says(algo, scaled):
+    """At an energy of 100 a reward of -50 is learned as -0.5, or as it is; PPO's critic gives values in its unit."""
+    model, _ = make_model(small(algo, f"learning.energy_scaling={str(scaled).lower()}"), seed=0)
+    assert torch.get_num_threads() == 1  # sums depend on it
+    obs, actions = np.zeros((4, 7), np.float32), np.zeros((4, 2), np.float32)
+    obs[:, 4] = 1.0
+    if algo == "ppo":
+        for _ in range(8):
+            model.rollout_buffer.add(obs, actions, np.full(4, -50.0), np.zeros(4), torch.zeros(4), torch.zeros(4))
+        model.rollout_buffer.compute_returns_and_advantage(torch.zeros(4), np.zeros(4))
+        learned = model.rollout_buffer.returns[-1]
+        seen = torch.as_tensor(obs)
+        critic, energy = ActorCriticPolicy.predict_values(model.policy, seen), 100.0 + energy_scaling.FLOOR
+        for values in (model.policy.predict_values(seen), model.policy(seen)[1]):
+            torch.testing.assert_close(values, critic * energy if scaled else critic)
+    else:
+        model.replay_buffer.add(obs, obs, actions, np.full(4, -50.0), np.zeros(4), [{}] * 4)
+        learned = model.replay_buffer.sample(8).rewards
+    np.testing.assert_allclose(learned, -50.0 / (100.0 + energy_scaling.FLOOR) if scaled else -50.0, rtol=1e-5)
 
 
 def test_replay_counts_alike_at_any_amplitude():
@@ -156,11 +219,11 @@ def test_replay_counts_alike_at_any_amplitude():
 
 def test_table_goes_on_after_a_kill_in_the_middle_of_a_row(tmp_path):
     file = tmp_path / PROGRESS
-    table = CsvTable(file)
+    table = CsvLog(file)
     for step in (8, 16, 24):
         table.write({"loss": 0.5 * step}, {}, step)
     file.write_text(file.read_text() + "1")  # the beginning of 128
-    table = CsvTable(file, steps=16)
+    table = CsvLog(file, steps=16)
     table.write({"loss": 1.0, "score": 2.0}, {}, 24)
     table.write({"loss": 3.0, "score": 4.0}, {}, 32)
     assert file.read_text().splitlines() == ["steps,loss,score", "8,4.0,", "16,8.0,", "24,1.0,2.0", "32,3.0,4.0"]
@@ -171,7 +234,7 @@ def test_checkpoint_is_whole_or_not_there(tmp_path, monkeypatch):
     model, env = make_model(small("ppo"), seed=0)
     save_checkpoint(tmp_path, model, env, {"number": 1}, keep=1)
     with monkeypatch.context() as patch, pytest.raises(OSError):
-        patch.setattr("agents.learning.checkpoint.os.fsync", die)
+        patch.setattr("sffr_agents.checkpoint.os.fsync", die)
         save_checkpoint(tmp_path, model, env, {"number": 2}, keep=1)
     assert load_checkpoint(tmp_path, model, env) == {"number": 1}
     save_checkpoint(tmp_path, model, env, {"number": 3}, keep=1)
@@ -185,6 +248,6 @@ def die(*_):
 
 @pytest.mark.parametrize("arguments", [["train"], ["export", "run"], ["tune", "ppo"]])
 def test_what_is_not_installed_is_named(arguments, monkeypatch):
-    monkeypatch.setattr("agents.learning.commands.find_spec", lambda name: None if name == "torch" else name)
+    monkeypatch.setattr("sffr_workbench.common.extras.find_spec", lambda name: None if name == "torch" else name)
     result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 2 and "torch not installed: pip install 'sffr-gym[agents" in result.output
+    assert result.exit_code == 2 and "not installed: torch; pip install 'sffr-gym[agents" in result.output

@@ -5,13 +5,13 @@ import pytest
 from small_training import small
 from typer.testing import CliRunner
 
-from agents.cli import app
-from agents.learned import LearnedSchedule, Network, save_schedule
-from agents.learning.figures import Curve, by_algorithm, learning_curves, read_curve, schedule_figure
-from agents.learning.train import train
-from agents.residual_env import SFFRFlexDampingEnv
-from baselines.schedule import FEATURES
+from sffr_agents.train import train
+from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
+from sffr_baselines.schedule import FEATURES
 from sffr_gym import ConfigError, load_params
+from sffr_workbench.cli.app import app
+from sffr_workbench.figures.learning import Curve, by_algorithm, learning_curves, read_curve, schedule_figure
 
 
 def curve(seed, steps=(100.0, 200.0), algo="ppo", ratio=0.5):
@@ -56,7 +56,7 @@ def test_unfinished_trainings_are_cut_to_the_shortest():
     ("curves", "message"),
     [([curve(0), curve(0)], "seed 0 is given twice"), ([curve(0), curve(1, (100.0, 250.0))], "at other steps")],
 )
-def test_what_cannot_be_compared_is_refused(curves, message):
+def test_what_cannot_be_compared_is_rejected(curves, message):
     with pytest.raises(ConfigError, match=message):
         by_algorithm(curves)
 

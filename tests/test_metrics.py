@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sffr_gym.metrics import MEASURES, SETTLED, measure, settling_time
-from sffr_gym.task import N_SIGNALS, SIGNALS
+from sffr_gym.task.metrics import MEASURES, SETTLED, measure, settling_time
+from sffr_gym.task.signals import N_SIGNALS, SIGNALS
 
 PERIOD = 0.5  # s
 
@@ -61,7 +61,7 @@ def test_failure_counts_as_one(failure: str, expected: float) -> None:
     assert (found["failed"], found["duration"], found["tip_max"]) == (expected, 0.5, 0.5)
 
 
-def test_an_episode_without_a_period_is_refused() -> None:
+def test_an_episode_without_a_period_is_rejected() -> None:
     """There is nothing to take the mean of."""
     with pytest.raises(ValueError, match="at least one control period"):
         measure(np.zeros((0, N_SIGNALS)), PERIOD)

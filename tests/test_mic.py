@@ -5,13 +5,13 @@ import pytest
 from oracle import Oracle
 from test_observation import LONG_ARM, Observer, expected_fields, make_params
 
-from baselines import make_policy
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.initial import close_grasps, match_joint_rates
-from sffr_gym.kinematics import arm_points, perpendicular, rotation
-from sffr_gym.params import load_params
-from sffr_gym.simulator import Simulator
-from sffr_gym.task import make_robot
+from sffr_baselines import make_policy
+from sffr_gym.config.params import load_params
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.initial import close_grasps, match_joint_rates
+from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
+from sffr_gym.physics.simulator import Simulator
+from sffr_gym.task.task_model import make_task_model
 
 THREE_ARMS = [
     "arms=["
@@ -31,7 +31,7 @@ THREE_ARMS = [
 def grasping_params(overrides, arms):
     """Parameters of a robot whose object is as wide as the arms' tips are apart."""
     params = load_params().with_overrides("object=null", *overrides)
-    model, q = make_robot(params).model, np.array(params.initial.q)
+    model, q = make_task_model(params).model, np.array(params.initial.q)
     ends = np.array([arm_points(model, q, 0 * q, arm)[1].x for arm in range(arms)])
     points = ends - ends.mean(axis=0) + [0.12, -0.07]  # its centre of mass lies off their middle
     grasps = ", ".join(f"{{arm: arm{i + 1}, point: [{x}, {y}]}}" for i, (x, y) in enumerate(points))

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from oracle import Oracle
 
-from sffr_gym.batch import make_batch, start_episode, view_one
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw, nominal
-from sffr_gym.fleet import make_fleet
-from sffr_gym.initial import initial_positions
-from sffr_gym.kinematics import arm_points, perpendicular, rotation
-from sffr_gym.observation import observation_fields
-from sffr_gym.params import load_params
-from sffr_gym.reference import circle_points, circle_reference, desired
-from sffr_gym.scenario import load_scenario
-from sffr_gym.simulator import Simulator
-from sffr_gym.task import make_robot
+from sffr_gym.config.params import load_params
+from sffr_gym.envs.batch import batch_memory, make_batch, observe_one, start_episode
+from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
+from sffr_gym.physics.simulator import Simulator
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.observation import observation_fields
+from sffr_gym.task.reference import circle_reference, desired
+from sffr_gym.task.scenario import load_scenario
+from sffr_gym.task.task_model import make_task_model
 
 N_ACTIONS = 15
 # The fields that each row of the environment's table stands for.
@@ -54,7 +54,7 @@ def make_params(variant):
     params = load_params().with_overrides("object=null", *VARIANTS[variant])
     if variant == "free":
         return params
-    model, q = make_robot(params).model, np.array(params.initial.q)
+    model, q = make_task_model(params).model, np.array(params.initial.q)
     ends = [arm_points(model, q, 0 * q, arm)[1].x for arm in (0, 1)]
     half = np.linalg.norm(ends[0] - ends[1]) / 2
     grasps = f"[{{arm: arm1, point: [0, {half}]}}, {{arm: arm2, point: [0, {-half}]}}]"
@@ -72,7 +72,7 @@ class Observer:
     def __init__(self, params, phase=0.0):
         self.params = params
         wide = [f"limits.{name}=1000" for name in ("position", "velocity", "angle", "rate")]  # nothing is cut off
-        self.robot = make_robot(params.with_overrides(*wide))
+        self.robot = make_task_model(params.with_overrides(*wide))
         self.fleet, self.model = make_fleet(self.robot), self.robot.model
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
@@ -82,9 +82,10 @@ class Observer:
     def __call__(self, p, v, tick):
         """Return the observation (n_o,) of positions and velocities at a control tick."""
         batch = make_batch(self.robot, 1)
-        start_episode(self.fleet, batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
+        memory = batch_memory(self.robot, 1)
+        start_episode(self.fleet, batch, memory, 0, self.episode._replace(p=p, v=v, reference=self.reference))
         batch.tick[0] = tick
-        view_one(self.fleet, batch, 0)
+        observe_one(self.fleet, batch, 0, memory.plain[0])
         return batch.obs[0]
 
     def perturbed(self, seed):
@@ -189,9 +190,8 @@ def test_reference_velocity_and_acceleration_are_derivatives(phase):
         assert np.hypot(*now[2:4]) == pytest.approx(0.85, rel=1e-12)
     start = desired(reference, 0.0)
     np.testing.assert_allclose([start.x, start.y], observer.p[-3:-1], rtol=0, atol=1e-14)
-    points = circle_points(reference)
-    np.testing.assert_allclose(points[[0, -1]], [observer.p[-3:-1]] * 2, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(np.ptp(points, axis=0), 30.0, rtol=0, atol=1e-2)  # sampled every degree
+    around = desired(reference, 2.0 * np.pi / reference.rate)
+    np.testing.assert_allclose([around.x, around.y], observer.p[-3:-1], rtol=0, atol=1e-12)
 
 
 def quasi_static(env, oracle, t):
@@ -219,7 +219,7 @@ def test_info_is_the_state(scenario, heading):
     """Every measure in info follows from the state in the paper's coordinates (Eqs. 45 and 47)."""
     env = SFFRFlexEnv(scenario, overrides=[f"path.heading={heading}", "initial.q.2=0.3"])
     env.reset(seed=6)
-    params, simulator, limit = env.params, Simulator(env.params), env.robot.scale
+    params, simulator, limit = env.params, Simulator(env.params), env.prior_task.scale
     oracle = Oracle(params.to_dict())
     m, L, EI = params.panel.mass, params.panel.length, params.panel.EI
     M = m * np.array([[13.0 / 35.0, -11.0 / 210.0 * L], [-11.0 / 210.0 * L, L**2 / 105.0]])
@@ -256,7 +256,7 @@ def test_a_step_is_the_simulators(integrator, step):
     simulator, state = Simulator(env.params), env.state()
     for action in actions(5):
         env.step(action)
-        command = action * env.robot.scale
+        command = action * env.prior_task.scale
         state = simulator.step(state, base=command[6:9], joints=command[9:], piezo_volts=command[:6].reshape(2, 3))
         for name in ("q", "qd", "qf", "qfd", "obj", "objd"):
             scale = np.abs(getattr(state, name)).max()
@@ -273,6 +273,15 @@ def test_info_of_a_reset_is_the_state(scenario):
     assert info["attitude_error"] == abs(fields["object_angle_error"][0])
     assert info["tip"] == pytest.approx(np.abs(fields["elastic"][[1, 4]]).max(), rel=1e-12)
     assert info["vibration"] > 0.0
+
+
+def test_info_without_an_object_is_the_bases_error():
+    env = SFFRFlexEnv("offset", overrides=["object=null"])
+    obs, info = env.reset(seed=6)
+    fields = {name: obs[field.slice] for name, field in env.fields.items()}
+    assert info["object_error"] == pytest.approx(np.linalg.norm(fields["base_error"]), rel=1e-12)
+    assert info["attitude_error"] == abs(fields["yaw_error"][0])
+    assert np.abs(fields["base_error"]).min() > 1e-3
 
 
 def test_saturation_is_reported():
@@ -304,7 +313,7 @@ def test_docstring_tables_are_the_spaces():
     # The right panel's row stands for the same limits as the left one's.
     limits = [200.0, 200.0, 100.0, 100.0, 7.0, 7.0]
     for (start, stop, words), limit in zip(spans["action"], limits, strict=True):
-        np.testing.assert_array_equal(env.robot.scale[start:stop], limit)
+        np.testing.assert_array_equal(env.prior_task.scale[start:stop], limit)
         assert f"{limit:g} " in words or "right panel" in words
 
 

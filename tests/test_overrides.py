@@ -3,9 +3,9 @@
 import json
 
 import pytest
-from plain_params import refusal
+from plain_params import rejection
 
-from sffr_gym.params import load_params
+from sffr_gym.config.params import load_params
 
 
 def test_overrides_are_made_in_turn_and_validated_together(params):
@@ -27,8 +27,8 @@ def test_object_can_be_left_out_and_put_back(params):
     assert free.object is None
     whole = f"object={json.dumps(params.to_dict()['object'])}"
     assert free.with_overrides(whole) == params
-    assert "there are no keys in 'object', which is null" in refusal(free, "object.mass=3")
-    assert "object.grasps: missing" in refusal(free, "object={mass: 3, inertia: 1}")
+    assert "there are no keys in 'object', which is null" in rejection(free, "object.mass=3")
+    assert "object.grasps: missing" in rejection(free, "object={mass: 3, inertia: 1}")
 
 
 @pytest.mark.parametrize(
@@ -54,24 +54,24 @@ def test_object_can_be_left_out_and_put_back(params):
 )
 def test_malformed_overrides(params, assignment, reason):
     """The message names the override and what is wrong with it."""
-    message = refusal(params, assignment)
+    message = rejection(params, assignment)
     assert message.startswith(f"override '{assignment}': ")
     assert reason in message
 
 
 def test_blame_falls_on_the_right_override(params):
-    """Each fault names the override that made it, or all of them where none did alone."""
-    lines = refusal(params, "panel.EI=-1", "path.speed=2", "path.radius=-2").splitlines()
+    """Each error names the override that made it, or all of them where none did by itself."""
+    lines = rejection(params, "panel.EI=-1", "path.speed=2", "path.radius=-2").splitlines()
     assert len(lines) == 2
     assert lines[0].startswith("override 'panel.EI=-1': panel.EI = -1")
     assert lines[1].startswith("override 'path.radius=-2': path.radius = -2")
-    lines = refusal(params, "panel={EI: -1}", "arms=[{}]", "suppression.B0=[1]").splitlines()
+    lines = rejection(params, "panel={EI: -1}", "arms=[{}]", "suppression.B0=[1]").splitlines()
     assert [line.partition(" (")[0] for line in lines] == [
         *(f"override 'arms=[{{}}]': arms.0.{key}: missing" for key in ("name", "mount", "mount_angle", "links")),
         "override 'panel={EI: -1}': panel.EI = -1: must be greater than 0",
         "override 'suppression.B0=[1]': suppression.B0 = [1]: must have 3 entries, has 1",
     ]
-    assert refusal(params, "panel.EI=-1", "panel.EI=-2").startswith("override 'panel.EI=-2': panel.EI = -2")
-    assert refusal(params, "path.speed=2", "control.Kd=1100").startswith(
+    assert rejection(params, "panel.EI=-1", "panel.EI=-2").startswith("override 'panel.EI=-2': panel.EI = -2")
+    assert rejection(params, "path.speed=2", "control.Kd=1100").startswith(
         "override 'path.speed=2', override 'control.Kd=1100': control.period = 0.002"
     )

@@ -1,12 +1,13 @@
-"""Users' files: laid over the shipped one, refused with their lines, found by name."""
+"""Users' files: laid over the shipped one, rejected with their lines, found by name."""
 
 import textwrap
 
 import pytest
 from plain_params import LEAVES, SHIPPED, flatten
 
-from sffr_gym import config
-from sffr_gym.params import ConfigError, config_dir, load_params
+from sffr_gym.config import strict_yaml
+from sffr_gym.config.params import load_params
+from sffr_gym.config.strict_yaml import ConfigError, config_dir
 
 
 def write(folder, text):
@@ -35,7 +36,7 @@ def test_partial_file_is_laid_over_the_shipped_one(params, tmp_path):
     assert load_params(write(tmp_path, "{}")) == params
 
 
-def test_faults_of_a_file_are_all_listed_with_their_lines(tmp_path):
+def test_errors_of_a_file_are_all_listed_with_their_lines(tmp_path):
     """One line each, with file, line, dotted key, value and what is allowed."""
     path = write(
         tmp_path,
@@ -62,7 +63,7 @@ def test_faults_of_a_file_are_all_listed_with_their_lines(tmp_path):
     ]
 
 
-def test_fault_at_a_shipped_key_names_the_file_that_made_it(tmp_path):
+def test_error_at_a_shipped_key_names_the_file_that_made_it(tmp_path):
     """A file whose gains or arms do not fit the shipped rest is blamed, without a line that it does not have."""
     path = write(tmp_path, "control: {Kd: 1100}\narms: []\n")
     with pytest.raises(ConfigError) as caught:
@@ -93,7 +94,7 @@ def test_fault_at_a_shipped_key_names_the_file_that_made_it(tmp_path):
     ],
 )
 def test_unreadable_files(tmp_path, text, reason):
-    """Each is refused with the file's name and, where there is one, the line."""
+    """Each is rejected with the file's name and, where there is one, the line."""
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
@@ -110,7 +111,7 @@ def test_anchors_and_merge_keys_work(params, tmp_path):
 
 
 def test_names_of_shipped_and_missing_files(params, tmp_path, monkeypatch):
-    """A bare name finds the shipped file, unless the user has one of that name; anything else is refused."""
+    """A bare name finds the shipped file, unless the user has one of that name; anything else is rejected."""
     monkeypatch.chdir(tmp_path)
     assert load_params("sffr") == load_params("sffr.yaml") == load_params(SHIPPED) == params
     with pytest.raises(ConfigError, match=r"^sfr: no such file; did you mean 'sffr'\? \(shipped: .*sffr"):
@@ -128,8 +129,8 @@ def test_names_of_shipped_and_missing_files(params, tmp_path, monkeypatch):
 
 def test_folder_of_the_shipped_files(tmp_path, monkeypatch):
     """It is the one inside an installed package, or else the one beside the package."""
-    (tmp_path / "sffr_gym").mkdir()
-    monkeypatch.setattr(config, "__file__", str(tmp_path / "sffr_gym" / "config.py"))
+    (tmp_path / "sffr_gym" / "config").mkdir(parents=True)
+    monkeypatch.setattr(strict_yaml, "__file__", str(tmp_path / "sffr_gym" / "config" / "strict_yaml.py"))
     assert config_dir() == tmp_path / "configs"
     (tmp_path / "sffr_gym" / "configs").mkdir()
     assert config_dir() == tmp_path / "sffr_gym" / "configs"

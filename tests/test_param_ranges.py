@@ -1,12 +1,12 @@
-"""Which values of the parameters are refused, and in what words."""
+"""Which values of the parameters are rejected, and in what words."""
 
 import re
 
 import numpy as np
 import pytest
-from plain_params import PATCHES, TIP, flatten, refusal
+from plain_params import PATCHES, TIP, flatten, rejection
 
-from sffr_gym.params import Params
+from sffr_gym.config.params import Params
 
 POSITIVE = """base.mass base.inertia base.side arms.0.links.1.mass arms.0.links.1.length
     arms.0.links.1.inertia panel.mass panel.length panel.EI panel.area panel.axial_cut panel.bending_cut
@@ -22,16 +22,16 @@ NON_NEGATIVE = """arms.0.links.0.com panel.strain_rate_damping suppression.B0.1 
 
 @pytest.mark.parametrize("key", POSITIVE)
 def test_positive_quantities(params, key):
-    """Zero and below are refused, just above is not."""
-    assert f"{key} = 0: must be greater than 0 (" in refusal(params, f"{key}=0")
-    assert f"{key} = -3.0: must be greater than 0 (" in refusal(params, f"{key}=-3.0")
+    """Zero and below are rejected, just above is not."""
+    assert f"{key} = 0: must be greater than 0 (" in rejection(params, f"{key}=0")
+    assert f"{key} = -3.0: must be greater than 0 (" in rejection(params, f"{key}=-3.0")
     params.with_overrides(f"{key}=1e-3", "arms.0.links.1.com=0", "control.period=1e-6")
 
 
 @pytest.mark.parametrize("key", NON_NEGATIVE)
 def test_nonnegative_quantities(params, key):
     """Zero is accepted, below is not."""
-    assert f"{key} = -1e-09: must be at least 0 (" in refusal(params, f"{key}=-1e-9")
+    assert f"{key} = -1e-09: must be at least 0 (" in rejection(params, f"{key}=-1e-9")
     assert flatten(params.with_overrides(f"{key}=0").to_dict())[key] == 0.0
 
 
@@ -84,11 +84,11 @@ def test_nonnegative_quantities(params, key):
         ("control.period=7.0e-3", r"must be less than 0\.006667 \[s\] with Kp = 900 and"),
     ],
 )
-def test_refused_values(params, assignment, reason):
+def test_rejected_values(params, assignment, reason):
     """The message names the override, the key, the value and what is allowed."""
     key = assignment.partition("=")[0]
     assert re.search(
-        rf"^override '{re.escape(assignment)}': {re.escape(key)} = .+: {reason}", refusal(params, assignment)
+        rf"^override '{re.escape(assignment)}': {re.escape(key)} = .+: {reason}", rejection(params, assignment)
     )
 
 
@@ -128,7 +128,7 @@ def test_control_period_against_gains(params, Kp, Kd):
     assert sampled_loop_radius(Kp, Kd, 0.999 * longest) < 1.0 < sampled_loop_radius(Kp, Kd, 1.001 * longest)
 
 
-def test_control_period_that_is_too_long_is_refused(params):
+def test_control_period_that_is_too_long_is_rejected(params):
     """The message names the key to blame, the value and the limit."""
-    message = refusal(params, "control.Kd=1100")
+    message = rejection(params, "control.Kd=1100")
     assert message.startswith("override 'control.Kd=1100': control.period = 0.002: must be less than 0.001818 [s]")

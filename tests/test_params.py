@@ -7,10 +7,12 @@ import re
 
 import pytest
 import yaml
-from plain_params import LEAVES, PATCHES, TIP, flatten, message_or_nothing, refusal, shipped_tree
+from plain_params import LEAVES, PATCHES, TIP, flatten, message_or_nothing, rejection, shipped_tree
 from pydantic import BaseModel, ValidationError
 
-from sffr_gym.params import Base, ConfigError, Params, load_params
+from sffr_gym.config.params import Params, load_params
+from sffr_gym.config.sections import Base
+from sffr_gym.config.strict_yaml import ConfigError
 
 OTHER_WORDS = {"fixed": "tangent", "etdrk4": "rk4", "auto": "all", "exact": "staggered", "generalized": "tip"}
 # Keys that another one refers to change together with it.
@@ -97,7 +99,7 @@ def test_every_key_changes_the_loaded_object(params, key, tmp_path):
 
 @pytest.mark.parametrize(("section", "name"), KEYS)
 def test_misspelled_key_raises_with_the_nearest_name(section, name, tmp_path):
-    """Each key of each mapping, with one letter too many, is refused and the right one is suggested."""
+    """Each key of each mapping, with one letter too many, is rejected and the right one is suggested."""
     tree = shipped_tree()
     owner = tree
     for part in section.split(".") if section else ():
@@ -116,16 +118,16 @@ def test_misspelled_key_raises_with_the_nearest_name(section, name, tmp_path):
 def test_missing_or_wrongly_typed_value_raises(params, key):
     """No leaf accepts a mapping, a boolean or nothing, and no number accepts a text."""
     for value in ("{}", "true", "null", *(["'1.0'"] if not isinstance(LEAVES[key], str) else [])):
-        message = refusal(params, f"{key}={value}")
+        message = rejection(params, f"{key}={value}")
         assert message.startswith(f"override '{key}={value}': {key} = {value}: must be ")
 
 
 @pytest.mark.parametrize("key", [key for key, leaf in LEAVES.items() if isinstance(leaf, float)])
-def test_numbers_accept_integers_and_refuse_nonfinite(params, key):
-    """A float may be written as an integer; NaN and infinity are refused everywhere."""
-    assert f"{key} = nan: must be finite" in refusal(params, f"{key}=.nan")
-    assert f"{key} = inf: must be finite" in refusal(params, f"{key}=.inf")
-    assert f"{key} = inf: must be finite" in refusal(params, f"{key}=1e400")
+def test_numbers_accept_integers_and_reject_nonfinite(params, key):
+    """A float may be written as an integer; NaN and infinity are rejected everywhere."""
+    assert f"{key} = nan: must be finite" in rejection(params, f"{key}=.nan")
+    assert f"{key} = inf: must be finite" in rejection(params, f"{key}=.inf")
+    assert f"{key} = inf: must be finite" in rejection(params, f"{key}=1e400")
     assert "must be a number" not in message_or_nothing(params, f"{key}=1")
 
 

@@ -9,14 +9,14 @@ from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from agents.evaluate import evaluate
-from baselines import make_policy
+from sffr_baselines import make_policy
 from sffr_gym import Params, Simulator, load_params
-from sffr_gym.actuators import generalized_forces, pack_actuators, saturate
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.model import mode_slice, n_positions, nodal, pack
-from sffr_gym.piezo import authority, thickness
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
+from sffr_gym.physics.model import mode_slice, nodal, pack
+from sffr_gym.physics.piezo import authority, thickness
+from sffr_workbench.evaluation import evaluate
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def test_patches_do_the_work_of_their_force_on_the_strain_of_their_face(array: s
         for channel in range(6):
             span = getattr(params.actuators.piezo, array)[channel // 2]
             stretch = face_stretch(params, nodes[panel], span, half * (-1.0) ** channel)
-            command, tau = np.zeros(len(actuators.limit)), np.zeros(n_positions(model))
+            command, tau = np.zeros(len(actuators.limit)), np.zeros(model.at.end)
             command[6 * panel + channel] = volts = rng.uniform(-200.0, 200.0)
             generalized_forces(model, actuators, command, tau)
             assert tau[mode_slice(model)] @ motion == pytest.approx(30.0 * volts / 200.0 * stretch, rel=1e-9)
@@ -81,7 +81,7 @@ def test_generalized_array_gives_the_same_bits_as_forces_on_the_tip(elements: in
     params = robot("generalized", f"panel.elements={elements}")
     model = pack(params)
     actuators = pack_actuators(params, model)
-    command, tau = np.random.default_rng(0).uniform(-200.0, 200.0, 15), np.zeros(n_positions(model))
+    command, tau = np.random.default_rng(0).uniform(-200.0, 200.0, 15), np.zeros(model.at.end)
     generalized_forces(model, actuators, command, tau)
     for i in range(2):
         force = np.diag(actuators.K_PZ[i]) * command[3 * i : 3 * i + 3]

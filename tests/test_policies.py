@@ -4,11 +4,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from baselines import POLICIES, make_policy
-from baselines.policies import ORACLES
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.params import load_params
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_baselines import POLICIES, make_policy
+from sffr_baselines.laws import ORACLES
+from sffr_baselines.learned import shipped_policies
+from sffr_gym import ConfigError, load_params
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 LAWS = ["none", "hsc", "ahsc", "ahsc-filtered"]
 
@@ -23,19 +24,23 @@ def observations(count, seed=0):
 
 
 def test_names():
-    """The policies of the case study are there, each with its name and a line that says what it is."""
+    """Baselines and learned policies are there, each with its name and a line that says what it is."""
     assert {"none", "random", "hsc", "ahsc", "ahsc-filtered", "hsc-oracle", "ahsc-oracle"} <= set(POLICIES)
+    assert {"sac", "ppo"} == set(shipped_policies()) <= set(POLICIES)
     assert all(POLICIES.values())
     for name in POLICIES:
         assert make_policy(name, load_params()).name == name
 
 
-@pytest.mark.parametrize(("name", "nearest"), [("ahcs", "ahsc"), ("HSC", None), ("ahsc_filtered", "ahsc-filtered")])
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("ahcs", "ahsc"), ("HSC", "hsc"), ("ahsc_filtered", "ahsc-filtered"), ("sca", "sac"), ("runs/best", None)],
+)
 def test_unknown_name_raises(name, nearest):
-    """A name that does not exist is refused with the nearest one and all there are."""
-    with pytest.raises(ValueError, match=f"unknown policy '{name}'") as error:
+    """A name that does not exist is rejected with the nearest one and all there are."""
+    with pytest.raises(ConfigError, match=f"unknown policy '{name}'") as error:
         make_policy(name, load_params())
-    assert nearest is None or f"did you mean '{nearest}'?" in str(error.value)
+    assert (f"did you mean '{nearest}'?" if nearest else "'runs/best' (known") in str(error.value)
     assert all(known in str(error.value) for known in POLICIES)
 
 
@@ -153,9 +158,11 @@ def test_an_oracle_is_the_law_of_the_plant(base):
     for _ in range(2):
         oracle.reset()
         right.reset()
-        with pytest.raises(ValueError, match="has to be told the plant"):
+        with pytest.raises(ValueError, match="needs the plant after each reset"):
             oracle(rows[0])
-        oracle.know(plant)
+        oracle.set_plant(plant)
+        with pytest.raises(ValueError, match="model of one plant"):
+            oracle(rows[:2])
         actions = [oracle(obs) for obs in rows]
         np.testing.assert_array_equal(actions, [right(obs) for obs in rows])
     assert (np.array([wrong(obs) for obs in rows]) != actions).any()

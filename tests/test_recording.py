@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from report_runs import SEED, run
 
-from agents.recording import Recording, file_of, grasp_forces, recording_files
-from agents.report.runs import read_run
-from baselines import make_policy
-from baselines.rollout import STRIDE, rollout
+from sffr_baselines import make_policy
+from sffr_baselines.rollout import STRIDE, rollout
 from sffr_gym import ConfigError
-from sffr_gym.env import SFFRFlexEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_workbench.evaluation.recording import Recording, grasp_forces, recording_file, recording_files
+from sffr_workbench.report import read_run
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_recording_keeps_the_episode(trajectory, recording):
     np.testing.assert_array_equal(recording.signals[1:], trajectory.signals[ticks])
     np.testing.assert_array_equal(recording.p, trajectory.p)
     assert len(recording.tips) == len(trajectory.signals)
-    assert file_of(Path("run"), "models/mine.zip") == Path("run/recordings/models%2Fmine.zip.npz")
+    assert recording_file(Path("run"), "models/mine.zip") == Path("run/recordings/models%2Fmine.zip.npz")
 
 
 def test_grasp_forces_of_any_policy(trajectory, recording):
@@ -68,7 +68,7 @@ def test_recordings_of_a_run_that_is_replaced_go(tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["cut", "text", "shape", "plant", "pickle"])
-def test_damaged_recording_is_refused(recording, tmp_path, damage):
+def test_damaged_recording_is_an_error(recording, tmp_path, damage):
     file = tmp_path / "bad.npz"
     content = recording.to_bytes()
     match damage:
@@ -89,5 +89,5 @@ def test_damaged_recording_is_refused(recording, tmp_path, damage):
             np.savez(file, about=np.array([{"a": 1}], dtype=object))
             content = file.read_bytes()
     file.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"bad\.npz: no recording of ours, or damaged"):
+    with pytest.raises(ConfigError, match=r"bad\.npz: no recording, or damaged"):
         Recording.read(file)

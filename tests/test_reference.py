@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from sffr_gym import load_params
-from sffr_gym.initial import initial_positions
-from sffr_gym.model import object_slice, pack
-from sffr_gym.params import Params
-from sffr_gym.reference import Desired, Reference, circle_points, circle_reference, desired
+from sffr_gym.config.params import Params
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.model import object_slice, pack
+from sffr_gym.task.reference import Desired, Reference, circle_reference, desired
 
 Array = NDArray[np.float64]
 
@@ -75,6 +75,7 @@ def test_path_is_a_circle_to_the_left(reference: Reference) -> None:
 def test_path_leaves_from_the_object_along_x() -> None:
     """At phase 0 the start is the object's pose, at the configured speed along +x, and once around takes 110.9 s."""
     params, p, reference = make()
+    assert circle_reference(params, pack(params), p).phase == 0.0
     want = desired(reference, 0.0)
     np.testing.assert_allclose([want.x, want.y], TABLE_IV_OBJECT[:2], rtol=0, atol=1e-6)
     np.testing.assert_array_equal([want.x, want.y], p[object_slice(pack(params))][:2])
@@ -128,11 +129,3 @@ def test_without_an_object_the_base_follows_the_path() -> None:
     want = desired(reference, 0.0)
     np.testing.assert_allclose([want.x, want.y], [2.0, -1.0], rtol=0, atol=1e-14)
     assert (reference.base_x, reference.base_y, reference.yaw) == (0.0, 0.0, 0.3)
-
-
-def test_points_for_pictures_lie_on_the_path(reference: Reference) -> None:
-    """The whole circle, from the start of the motion and in its direction."""
-    points = circle_points(reference, count=25)
-    assert points.shape == (25, 2)
-    times = np.linspace(0.0, 2 * np.pi / reference.rate, 25)
-    np.testing.assert_allclose(points, [position(reference)(t) for t in times], rtol=0, atol=1e-12)

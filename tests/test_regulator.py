@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
 
-from baselines import make_policy
-from baselines.policies import make_law
-from baselines.regulator import BENDING, optimal_gain, sampled_panel
-from baselines.rollout import rollout
-from baselines.settings import load_weights
-from sffr_gym.beam import beam
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.metrics import measure
-from sffr_gym.params import load_params
+from sffr_baselines import make_policy
+from sffr_baselines.regulator import BENDING, optimal_gain, sampled_panel
+from sffr_baselines.rollout import rollout
+from sffr_baselines.settings import load_regulator_weights
+from sffr_gym.config.params import load_params
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.beam import beam
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.task.metrics import measure
 
 PARAMS = load_params()
 EFFORT = 3.3e-3
@@ -78,6 +79,19 @@ def test_held_force_gives_its_static_deflection():
     np.testing.assert_allclose(rest, [*np.linalg.solve(K, tau), 0.0, 0.0], atol=1e-9)
 
 
+def test_sampled_panel_is_scipys():
+    """Forward in time, whatever the force: SciPy's zero-order hold of the same equations."""
+    M, K, _, _ = panel()
+    D, zero, one, period = 0.03 * K, np.zeros((2, 2)), np.eye(2), 0.1
+    A, B = (
+        np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]),
+        np.vstack([zero, np.linalg.inv(M)]),
+    )
+    expected = cont2discrete((A, B, np.eye(4), np.zeros((4, 2))), period)
+    for found, known in zip(sampled_panel(M, D, K, period), expected[:2], strict=True):
+        np.testing.assert_allclose(found, known, rtol=1e-10, atol=1e-12)
+
+
 def test_no_other_gain_costs_less():
     """The cost rises whichever entry of the gain moves, and either way."""
     best = optimal_gain(PARAMS, EFFORT)[1:, STATES]
@@ -115,12 +129,32 @@ def test_no_force_at_the_quasi_static_motion():
         assert np.abs(policy(observation(env, seed))[:6]).max() > 1e-3
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.4])
+def test_no_force_at_the_quasi_static_motion_of_a_tangent_path(yaw):
+    """Robot and path turn together: a root's acceleration is constant in the robot's axes, with its own part."""
+    env = SFFRFlexEnv(overrides=["path.heading=tangent", f"initial.q.2={yaw}"])
+    obs, fields, params = env.reset(seed=0)[0], env.fields, env.params
+    turn, speed = params.path.speed / params.path.radius, params.path.speed
+    obs[fields["reference_velocity"].slice], obs[fields["reference_turn"].slice] = [speed, 0.0], turn
+    obs[fields["reference_acceleration"].slice] = [0.0, speed * turn]
+    element = beam(9.0, 4.0, 20.0, 9.6e7, 1)
+    tip = -np.linalg.solve(element.K, element.S_y)
+    base = np.array([env.episode.reference.base_x, env.episode.reference.base_y])
+    shapes = []
+    for mount in params.panel.mounts:
+        root = base + rotation(yaw) @ mount.root
+        across = rotation(yaw + mount.angle)[:, 1]
+        shapes.append(across @ ([0.0, speed * turn] - turn**2 * root) * tip)
+    obs[fields["elastic"].slice], obs[fields["elastic_rate"].slice] = np.ravel(shapes), 0.0
+    np.testing.assert_allclose(make_policy("lqr", env)(obs)[:6], 0.0, atol=1e-12)
+
+
 def test_forces_follow_the_gain():
     """tau = -G (x - x_qs) on each panel by itself; the shape is that of a clamped panel under its root's push."""
     env = SFFRFlexEnv()
     policy, fields = make_policy("lqr", env), env.fields
     moved, rest = observation(env, 3), observation(env, 3, still=True)
-    gain, gap = optimal_gain(PARAMS, load_weights().effort), moved - rest
+    gain, gap = optimal_gain(PARAMS, load_regulator_weights().effort), moved - rest
     x, xd = (gap[fields[name].slice].reshape(2, 3) for name in ("elastic", "elastic_rate"))
     wanted = -np.hstack([x, xd]) @ gain.T
     np.testing.assert_allclose(policy(moved)[:6].reshape(2, 3) * 47.5, wanted, rtol=1e-9, atol=1e-9)
@@ -141,8 +175,7 @@ def test_hsc_is_the_gain_of_pure_damping():
 def test_paper_laws_have_none():
     for name in "none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned":
         assert make_policy(name, PARAMS).law.regulator.active == 0.0
-    law = make_law(PARAMS, active=True, adaptive=False, effort_weight=EFFORT)
-    assert law.regulator.active == 1.0
+    assert make_policy("lqr", PARAMS).law.regulator.active == 1.0
 
 
 @pytest.mark.slow

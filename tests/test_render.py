@@ -8,16 +8,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 pytest.importorskip("PIL")
-from sffr_gym import strip
-from sffr_gym.canvas import Canvas
-from sffr_gym.geometry import resting_over_time, tips_of_modes
-from sffr_gym.portrait import PANEL, voltage_colour
-from sffr_gym.render import SIZE, SWING, Look, Renderer, Snapshot
-from sffr_gym.trace import Trace
+from sffr_gym.physics.kinematics import modal_tip_deflections
+from sffr_gym.render.canvas import Canvas
+from sffr_gym.render.geometry import path_points
+from sffr_gym.render.plots import Axis, linear, logarithmic, with_unit
+from sffr_gym.render.renderer import SIZE, SWING, Renderer, Snapshot, Style
+from sffr_gym.render.robot import PANEL, voltage_colour
+from sffr_gym.render.trace import Trace
+from sffr_gym.task.quasi_static import quasi_static_at
+from sffr_gym.task.reference import desired
 
 N_ACTIONS = 15
 
@@ -146,7 +149,7 @@ def test_plumes_grow_with_the_thrust_and_leave_against_it(drawn):
 def test_exaggeration_moves_the_tips(drawn):
     renderer, snapshot = drawn
     pictures = [
-        Renderer(renderer.params, renderer.reference, "title", "subtitle", Look(exaggeration=factor))(snapshot)
+        Renderer(renderer.params, renderer.reference, "title", "subtitle", Style(exaggeration=factor))(snapshot)
         for factor in (1.0, 5.0)
     ]
     changed = np.flatnonzero((pictures[0] != pictures[1]).any(axis=-1)[60:380].any(axis=1)) + 60
@@ -156,7 +159,7 @@ def test_exaggeration_moves_the_tips(drawn):
 def test_sizes_scale(drawn):
     renderer, snapshot = drawn
     for size in (200, 480, 900):
-        picture = Renderer(renderer.params, renderer.reference, "title", look=Look(size=size))(snapshot)
+        picture = Renderer(renderer.params, renderer.reference, "title", style=Style(size=size))(snapshot)
         assert picture.shape == (size, size, 3)
 
 
@@ -201,7 +204,7 @@ def test_bonded_pair_shows_each_patch_on_its_face():
     env = SFFRFlexEnv(render_mode="rgb_array", overrides=["actuators.piezo.array=patches"])
     env.reset(seed=0)
     renderer, panel = Renderer(env.plant, env.reference, "title"), slice(260, 340)
-    still = Snapshot(0.0, env.positions, env.velocities, np.zeros_like(env.robot.scale), np.zeros((0, 5)))
+    still = Snapshot(0.0, env.positions, env.velocities, np.zeros_like(env.prior_task.scale), np.zeros((0, 5)))
     places = []
     for channel in (0, 1):
         applied = still.applied.copy()
@@ -217,11 +220,11 @@ def test_number_above_is_the_swing_of_the_last_seconds(drawn, monkeypatch):
     words = []
     monkeypatch.setattr(Canvas, "text", lambda self, place, text, *rest: words.append(text))
     t = np.array([0.0, 12.0, 15.0, 20.0])
-    rest = tips_of_modes(renderer.model, resting_over_time(renderer.model, renderer.reference, t))
+    rest = modal_tip_deflections(renderer.model, quasi_static_at(renderer.model, renderer.reference, t))
     assert np.ptp(rest[1:, 0]) > 0.02
     swing = np.array([0.4, -0.1, 0.2, 0.0])
     rows = np.column_stack([t, np.full((4, 2), 1e-5), rest[:, 0] + swing, rest[:, 1]])
-    p = renderer._at_rest(snapshot._replace(t=20.0))
+    p = renderer._quasi_static(snapshot._replace(t=20.0))
     renderer(snapshot._replace(t=20.0, p=p, trace=rows))
     assert "300 mm" in words and "swing of the tips, last 10 s" in words
 
@@ -283,8 +286,8 @@ def test_window_without_pygame_says_what_to_install(monkeypatch):
 
 @pytest.mark.parametrize("make", [SFFRFlexEnv, SFFRFlexVectorEnv])
 def test_render_mode_without_pillow_says_what_to_install(monkeypatch, make):
-    for name in ("film", "render", "portrait", "strip", "canvas"):
-        monkeypatch.delitem(sys.modules, f"sffr_gym.{name}", raising=False)
+    for name in ("environment", "renderer", "robot", "plots", "canvas"):
+        monkeypatch.delitem(sys.modules, f"sffr_gym.render.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "PIL", None)
     make()
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"pip install 'sffr-gym\[render\]'"):
@@ -325,15 +328,26 @@ def test_trace_keeps_the_last_seconds():
 
 
 def test_axes_hold_their_values_in_round_numbers():
-    assert strip.linear(np.array([0.0, 0.31])) == strip.Axis(0.0, 0.5)
-    assert strip.linear(np.array([-0.31, 0.1]), signed=True) == strip.Axis(-0.5, 0.5)
-    assert strip.linear(np.array([np.nan, 0.0])) == strip.Axis(0.0, 1.0)
-    assert strip.linear(np.zeros(0), signed=True) == strip.Axis(-1.0, 1.0)
-    low, high, log = strip.logarithmic(np.array([3e-6, 2e-5]))
+    assert linear(np.array([0.0, 0.31])) == Axis(0.0, 0.5)
+    assert linear(np.array([-0.31, 0.1]), signed=True) == Axis(-0.5, 0.5)
+    assert linear(np.array([np.nan, 0.0])) == Axis(0.0, 1.0)
+    assert linear(np.zeros(0), signed=True) == Axis(-1.0, 1.0)
+    low, high, log = logarithmic(np.array([3e-6, 2e-5]))
     assert log and (low, high) == pytest.approx((1e-6, 1e-4))
-    low, high, _ = strip.logarithmic(np.array([1e-12, 1e-3, np.nan]))
+    low, high, _ = logarithmic(np.array([1e-12, 1e-3, np.nan]))
     assert (low, high) == pytest.approx((1e-6, 1e-3))
-    assert strip.logarithmic(np.zeros(3)).high > 0.0
+    assert logarithmic(np.zeros(3)).high > 0.0
+
+
+@pytest.mark.parametrize("heading", ["fixed", "tangent"])
+def test_drawn_path_is_the_desired_motion(heading):
+    env = SFFRFlexEnv(overrides=[f"path.heading={heading}"])
+    env.reset(seed=0)
+    t = np.linspace(0.0, 2.0 * np.pi / env.reference.rate, 25)
+    places = [desired(env.reference, each)[:2] for each in t]
+    points = path_points(env.reference, env.reference.phase + env.reference.rate * t)
+    np.testing.assert_allclose(points, places, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.ptp(points, axis=0), 30.0, rtol=0, atol=0.3)
 
 
 @pytest.mark.parametrize(
@@ -341,4 +355,4 @@ def test_axes_hold_their_values_in_round_numbers():
     [(0.0, "0 V"), (0.31, "310 mV"), (-12.0, "-12 V"), (3.1234e-6, "3.12 uV"), (1e-6, "1 uV"), (0.0100, "10 mV")],
 )
 def test_numbers_have_units(value, text):
-    assert strip.with_unit(value, "V") == ("0" if value == 0.0 else text)
+    assert with_unit(value, "V") == ("0" if value == 0.0 else text)

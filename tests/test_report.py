@@ -1,4 +1,4 @@
-"""`sffr report`: what the page is told, and how the command refuses."""
+"""`sffr report`: what the page is told, and what is an error."""
 
 import base64
 import json
@@ -13,19 +13,21 @@ import pytest
 from command_line import sffr
 from report_runs import SEED, run
 
-from agents.recording import RECORDINGS, Recording
-from agents.report.page import PAGE, SCRIPTS, STYLES, page, report
-from agents.report.replay import episode_data, group, table
-from agents.report.runs import Run, read_run, score_table
-from agents.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
-from agents.score import Result
-from baselines import make_policy
-from baselines.rollout import rollout
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.geometry import panel_line, place_in_panel, tips_of_modes
-from sffr_gym.metrics import MEASURES
-from sffr_gym.model import mode_slice, pack
-from sffr_gym.task import ERROR, VIBRATION
+from sffr_baselines import make_policy
+from sffr_baselines.rollout import rollout
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.kinematics import modal_tip_deflections
+from sffr_gym.physics.model import mode_slice, pack
+from sffr_gym.render.geometry import panel_line, place_in_panel
+from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.score import Result
+from sffr_gym.task.signals import ERROR, VIBRATION
+from sffr_workbench.evaluation.recording import RECORDINGS, Recording
+from sffr_workbench.figures.style import POLICY_COLOURS
+from sffr_workbench.report.page import REPORT_FILE, SCRIPTS, STYLES, report_page, write_report
+from sffr_workbench.report.replay import columns_of, episode_data, group_by_episode
+from sffr_workbench.report.runs import Run, read_run, score_table
+from sffr_workbench.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 
 pytest.importorskip("jinja2")
 
@@ -46,7 +48,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def text(folder):
-    return page([read_run(folder)])
+    return report_page([read_run(folder)])
 
 
 def embedded(text):
@@ -111,15 +113,15 @@ def test_page_is_safe_from_names(folder, tmp_path):
     manifest = json.loads((copy / "manifest.json").read_text())
     manifest["command"] = "</script><script>alert(1)</script>"
     (copy / "manifest.json").write_text(json.dumps(manifest))
-    text = page([read_run(copy)])
+    text = report_page([read_run(copy)])
     assert "<script>alert" not in text and "<b>run" not in text and "&lt;b&gt;run" in text
 
 
 def test_every_script_and_style_is_in_the_page(text):
-    shipped = {file.name for file in (resources.files("agents.report") / "templates").iterdir()}
+    shipped = {file.name for file in (resources.files("sffr_workbench.report") / "templates").iterdir()}
     assert shipped == {*SCRIPTS, *STYLES, "report.html"}
     for name in (*SCRIPTS, *STYLES):
-        content = (resources.files("agents.report") / "templates" / name).read_text(encoding="utf-8")
+        content = (resources.files("sffr_workbench.report") / "templates" / name).read_text(encoding="utf-8")
         assert content in text and "</script" not in content
 
 
@@ -159,7 +161,9 @@ def test_many_scenarios_have_an_overview():
 
 
 def test_page_of_a_benchmark_shows_its_costs():
-    text = page([Run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")], {}, [], [])])
+    text = report_page(
+        [Run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")], {}, [], [])]
+    )
     assert "cost in each scenario" in text and "one: 1 episode of each policy" in text
 
 
@@ -218,17 +222,77 @@ def test_dead_actuators_are_left_out(recording):
 def test_same_policy_of_two_runs_keeps_apart(recording):
     other = Recording(**vars(recording) | {"policy": "none"})
     away = Recording(**vars(recording) | {"seed": 7})
-    groups = group([("one", recording), ("one", other), ("two", recording), ("two", away)])
+    groups = group_by_episode([("one", recording), ("one", other), ("two", recording), ("two", away)])
     assert [list(members) for members in groups] == [["ahsc (one)", "none", "ahsc (two)"], ["ahsc"]]
+
+
+@pytest.mark.parametrize("change", ["plant", "limit", "start"])
+def test_episodes_of_other_robots_are_not_put_together(recording, change):
+    """Scenarios of the same name may differ in the plant, in what its actuators can give, and in the start."""
+    start = recording.p.copy()
+    start[0, 0] += 0.1
+    other = {
+        "plant": {"plant": recording.plant.with_overrides("panel.EI=25")}, "limit": {"limit": 0.5 * recording.limit},
+        "start": {"p": start},
+    }[change]  # fmt: skip
+    changed = Recording(**vars(recording) | {"policy": "none"} | other)
+    assert [list(members) for members in group_by_episode([("one", recording), ("two", changed)])] == [
+        ["ahsc"],
+        ["none"],
+    ]
+
+
+def test_page_shows_the_robot_of_the_episode(tmp_path):
+    """Frequencies and limits are those of the drawn plant and its fault, not of the parameters."""
+    file = tmp_path / "weak.yaml"
+    file.write_text(
+        "{name: weak, description: A test's., duration: 0.5, plant: {EI: [0.5, 0.5]}, "
+        "faults: [{actuators: thruster, remaining: 0.25}]}"
+    )
+    env = SFFRFlexEnv(str(file))
+    recording = Recording.of(rollout(env, make_policy("none", env), SEED))
+    nominal = Recording(**vars(recording) | {"plant": env.params})
+    first, usual = (mode_frequencies(each)[0] for each in (recording, nominal))
+    assert recording.plant.panel.EI == 0.5 * env.params.panel.EI and first == pytest.approx(usual * 0.5**0.5, rel=0.01)
+    assert episode_data({"none": recording}, {"none": "#000000"})["robot"]["frequencies"][0] == first
+    np.testing.assert_array_equal(recording.limit[6:9], [25.0, 25.0, 25.0])
+
+
+def test_recordings_of_another_plant_path_or_scenario_keep_apart(recording):
+    heavier = recording.plant.with_overrides("panel.mass=10")
+    others = [
+        {"plant": heavier}, {"scenario": "other"}, {"reference": recording.reference._replace(phase=1.0)},
+        {"reference": recording.reference._replace(rate=0.1)}, {"reference": recording.reference._replace(radius=9.0)},
+        {"reference": recording.reference._replace(turning=1.0)},
+    ]  # fmt: skip
+    all_of_them = [recording, *(Recording(**vars(recording) | changes) for changes in others)]
+    groups = group_by_episode([("run", each) for each in all_of_them])
+    assert [list(members.values()) for members in groups] == [[each] for each in all_of_them]
+
+
+def test_each_policy_has_its_own_colour(recording):
+    colours = {"none": "#111111", "ahsc": "#222222", "hsc": "#333333"}
+    data = episode_data({"ahsc": recording, "none": Recording(**vars(recording) | {"policy": "none"})}, colours)
+    assert {policy["name"]: policy["colour"] for policy in data["policies"]} == {"ahsc": "#222222", "none": "#111111"}
+
+
+def test_grasp_forces_carry_the_object(recording):
+    """Arrows point as the grippers push: the object's momentum changes by the sum of their forces over time."""
+    found = columns_of(recording, pack(recording.plant))
+    forces, place = found["grasp"].reshape(len(recording.t), -1, 2).sum(axis=1), found["object"][:, :2]
+    step = recording.t[1]
+    velocity = np.diff(place, axis=0) / step
+    change = recording.plant.object.mass * (velocity[-1] - velocity[0])
+    np.testing.assert_allclose(forces[1:-1].sum(axis=0) * step, change, atol=0.05 * np.abs(change).max())
 
 
 def test_quasi_static_shape_is_near_a_calmed_panel(recording):
     """Dashed: what AHSC's panels settle to."""
-    found = table(recording, pack(recording.plant))
+    found = columns_of(recording, pack(recording.plant))
     late = recording.t > 40.0
     modes, rest = (found[name][late].reshape(-1, 2, 3)[:, :, 1] for name in ("modes", "rest"))
     away = modes - rest
-    still = tips_of_modes(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
+    still = modal_tip_deflections(pack(recording.plant), found["rest"].reshape(-1, 2, 3))
     np.testing.assert_allclose(found["tips"] - found["swing"], still, atol=1e-12)  # m
     assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(rest**2))
 
@@ -236,27 +300,30 @@ def test_quasi_static_shape_is_near_a_calmed_panel(recording):
 def test_command_writes_one_file(folder):
     result = sffr("report", folder)
     assert result.exit_code == 0, result.output
-    assert f"{PAGE}: " in result.stdout and "MB" in result.stdout
+    assert f"{REPORT_FILE}: " in result.stdout and "MB" in result.stdout
     assert sffr("report", folder).exit_code == 2 and "--overwrite" in sffr("report", folder).output
     assert sffr("report", folder, "--overwrite", "--quiet").stdout == ""
-    assert (folder / PAGE).read_text(encoding="utf-8") == page([read_run(folder)])
+    assert (folder / REPORT_FILE).read_text(encoding="utf-8") == report_page([read_run(folder)])
 
 
 def test_several_runs_make_one_page(folder, tmp_path):
     run(tmp_path / "other", ["hsc", "ahsc"], episodes=1)
     run(tmp_path / "again", ["hsc"], episodes=1, name="long", seed=SEED + 1)
-    file = report([folder, tmp_path / "other", tmp_path / "again"], tmp_path / "new" / "page.html")
+    file = write_report([folder, tmp_path / "other", tmp_path / "again"], tmp_path / "new" / "page.html")
     first, second = embedded(file.read_text(encoding="utf-8"))
     assert [policy["name"] for policy in first["policies"]] == ["none", "ahsc (three)", "random", "hsc", "ahsc (other)"]
     assert len({policy["colour"] for policy in first["policies"]}) == 5
     assert [policy["name"] for policy in second["policies"]] == ["hsc"]
+    colours = {policy["name"]: policy["colour"] for policy in first["policies"]}
+    assert second["policies"][0]["colour"] == colours["hsc"]
+    assert {name: colours[name] for name in ("none", "hsc")} == {name: POLICY_COLOURS[name] for name in ("none", "hsc")}
 
 
 def test_run_without_recordings_has_a_page_without_replay(folder, tmp_path):
     copy = tmp_path / "bare"
     shutil.copytree(folder, copy)
     shutil.rmtree(copy / RECORDINGS)
-    text = page([read_run(copy)])
+    text = report_page([read_run(copy)])
     assert "No replay" in text and 'data-part="stage"' not in text and embedded(text) == []
 
 
@@ -268,16 +335,16 @@ def test_run_without_recordings_has_a_page_without_replay(folder, tmp_path):
         (["bare"], "no manifest of a run"),
     ],
 )
-def test_faults_are_refused_in_words(folder, names, message):
+def test_errors_say_what_is_wrong(folder, names, message):
     bare = folder.parent / "bare"
     bare.mkdir(exist_ok=True)
     shutil.copy(folder / "episodes.csv", bare)
-    result = sffr("report", *(folder.parent / name for name in names), "--out", folder.parent / "refused.html")
+    result = sffr("report", *(folder.parent / name for name in names), "--out", folder.parent / "none.html")
     assert result.exit_code == 2 and message in result.output, result.output
-    assert not (folder.parent / "refused.html").exists()
+    assert not (folder.parent / "none.html").exists()
 
 
 def test_missing_extra_says_what_to_install(monkeypatch, folder):
-    monkeypatch.setattr("agents.report.commands.find_spec", lambda name: None)
+    monkeypatch.setattr("sffr_workbench.common.extras.find_spec", lambda name: None)
     result = sffr("report", folder, "--overwrite")
     assert result.exit_code == 2 and "pip install 'sffr-gym[report]'" in result.output

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from report_runs import run
 
-from agents.report.page import report
+from sffr_workbench.report import write_report
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next((path for path in map(shutil.which, NAMES) if path), None)
@@ -37,7 +37,7 @@ def file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     run(folder / "first", POLICIES)
     run(folder / "second", ["ahsc"], name="other")
-    return report([folder / "first", folder / "second"], folder / "report.html")
+    return write_report([folder / "first", folder / "second"], folder / "report.html")
 
 
 @pytest.fixture(scope="module")

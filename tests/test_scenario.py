@@ -6,11 +6,11 @@ import pytest
 import scipy.linalg
 
 from sffr_gym import ConfigError, Simulator
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw, nominal
-from sffr_gym.kinematics import arm_points, rotation
-from sffr_gym.monolithic import constraint_jacobian
-from sffr_gym.scenario import load_scenario, scenario_names
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.kinematics import arm_points, rotation
+from sffr_gym.physics.monolithic import constraint_jacobian
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.scenario import load_scenario, scenario_names
 
 ID = "SFFRFlex-v0"
 SEEDS = range(40)
@@ -225,13 +225,13 @@ def test_a_users_file_sets_what_is_drawn(simulator, user_scenario):
         ({"name": None}, "name"),
     ],
 )
-def test_a_bad_file_is_refused(user_scenario, keys, message):
+def test_a_bad_file_is_rejected(user_scenario, keys, message):
     """A wrong key, type or interval raises with the place and what is allowed."""
     with pytest.raises(ConfigError, match=message):
         load_scenario(user_scenario(**keys))
 
 
-def test_unknown_names_are_refused():
+def test_unknown_names_are_rejected():
     """A scenario that does not exist raises with the nearest one."""
     with pytest.raises(ConfigError, match="did you mean 'excited'"):
         load_scenario("exited")
@@ -239,15 +239,15 @@ def test_unknown_names_are_refused():
         load_scenario("nowhere/mine.yaml")
 
 
-def test_scenarios_to_practise_on_are_no_part_of_the_suite():
+def test_training_scenarios_are_no_part_of_the_suite():
     """A name in a folder below is found, and nothing is scored on it unless it is named."""
     assert load_scenario("practice/mixed").name == "mixed"
-    assert not any("mixed" in name or "practice" in name for name in scenario_names())
+    assert not any("mixed" in name or "training" in name for name in scenario_names())
 
 
 @pytest.mark.parametrize("override", ["panel.elements=1", "panel.mass=1.0e-6"])
-def test_a_mode_that_the_panel_lacks_is_refused(user_scenario, override):
-    """A bending mode beyond those of the panel's elements, or above its mode cut, is a fault of the configuration."""
+def test_a_mode_that_the_panel_lacks_is_rejected(user_scenario, override):
+    """A bending mode beyond those of the panel's elements, or above its mode cut, is an error of the configuration."""
     with pytest.raises(ConfigError, match="mode"):
         SFFRFlexEnv(user_scenario(panel_modes=[{"mode": 3, "amplitude": [0, 0.1]}]), overrides=[override]).reset(seed=0)
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from agents.benchmark.standings import paired_differences, standings
-from agents.score import (
+from sffr_gym import ConfigError
+from sffr_gym.task.score import (
     REFERENCE,
     WEIGHTS,
     Result,
@@ -18,8 +18,8 @@ from agents.score import (
     ratio,
     ratios,
 )
-from agents.statistics import Estimate, interquartile_mean
-from sffr_gym import ConfigError
+from sffr_gym.task.statistics import Estimate, interquartile_mean
+from sffr_workbench.benchmark.scores import paired_differences, score_suite
 
 
 def episodes(scenario, policy, *values):
@@ -126,7 +126,7 @@ def test_ratio_of_nothing():
 
 
 def test_ahsc_scores_exactly_one(suite):
-    table = standings(suite)
+    table = score_suite(suite)
     for score in (table.overall[REFERENCE], *(scores[REFERENCE] for scores in table.single.values())):
         assert score.cost == Estimate(1.0, 1.0, 1.0) == score.typical
         assert score.difference == Estimate(0.0, 0.0, 0.0)
@@ -136,7 +136,7 @@ def test_ahsc_scores_exactly_one(suite):
 
 def test_standings_by_hand(suite):
     """Every scenario weighs the same, the one with a single episode too."""
-    table = standings(suite)
+    table = score_suite(suite)
     assert table.policies == ("ahsc", "other") and table.scenarios == ("wild", "still")
     wild, still = costs(group(suite, "wild"))["other"], costs(group(suite, "still"))["other"]
     other = table.overall["other"]
@@ -161,8 +161,8 @@ def test_mean_of_the_paired_differences_is_the_cost_less_one(suite):
 
 def test_order_of_the_episodes_does_not_matter(suite):
     assert (
-        standings(suite).overall
-        == standings(sorted(suite, key=lambda r: (r.scenario != "wild", r.policy, -r.seed))).overall
+        score_suite(suite).overall
+        == score_suite(sorted(suite, key=lambda r: (r.scenario != "wild", r.policy, -r.seed))).overall
     )
 
 
@@ -176,6 +176,6 @@ def test_order_of_the_episodes_does_not_matter(suite):
          "third: 4 episodes cannot stand beside 6"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_compared_is_refused(suite, change, message):
+def test_what_cannot_be_compared_is_rejected(suite, change, message):
     with pytest.raises(ConfigError, match=message):
-        standings(change(suite))
+        score_suite(change(suite))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agents.cli import app
-from agents.learning.seeds import over_seeds, score_seeds
-from agents.run_folder import EPISODES, episodes_csv
-from agents.score import Result
 from sffr_gym import ConfigError
-from sffr_gym.metrics import MEASURES
+from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.score import Result
+from sffr_workbench.benchmark.seeds import over_seeds, score_seeds
+from sffr_workbench.cli.app import app
+from sffr_workbench.evaluation import EPISODES_FILE, episodes_csv
 
 
 def episode(policy, seed, vibration, failure=""):
@@ -61,6 +61,12 @@ def test_interval_covers_the_training_seeds():
     assert over_seeds(table[:, :1]).high - over_seeds(table[:, :1]).low < 0.001
 
 
+def test_seeds_that_agree_share_their_episodes():
+    """A second seed that scores the same on every episode adds nothing: the episodes drawn are the same for both."""
+    one = np.random.default_rng(1).lognormal(size=(40, 1))
+    assert over_seeds(np.tile(one, (1, 8))) == pytest.approx(over_seeds(one), rel=1e-12)
+
+
 def test_without_ahsc_or_pairs_there_is_no_score(results):
     with pytest.raises(ConfigError, match="relative to 'ahsc'"):
         score_seeds([result for result in results if result.policy != "ahsc"])
@@ -69,7 +75,7 @@ def test_without_ahsc_or_pairs_there_is_no_score(results):
 
 
 def test_command_prints_a_table(results, tmp_path):
-    (tmp_path / EPISODES).write_text(episodes_csv(results))
+    (tmp_path / EPISODES_FILE).write_text(episodes_csv(results))
     result = CliRunner().invoke(app, ["seeds", str(tmp_path)])
     assert result.exit_code == 0
     assert (

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sffr_gym import ConfigError, Simulator, State, load_params
-from sffr_gym.kinematics import grasp_points, rotation
-from sffr_gym.monolithic import constraint_jacobian
+from sffr_gym.physics.kinematics import grasp_points, rotation
+from sffr_gym.physics.monolithic import constraint_jacobian
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def test_start_with_moving_joints_keeps_the_grasps_closed(yaw: float) -> None:
     np.testing.assert_allclose(state.qd[[0, 1, 2, 7, 8]], [0.85, 0.1, 0.2, 0.4, -0.3], rtol=1e-14)
 
 
-def test_grasp_out_of_reach_is_refused() -> None:
+def test_grasp_out_of_reach_is_rejected() -> None:
     """Nothing is moved by more than rounding; the message names the keys to change."""
     far = Simulator(load_params().with_overrides("object.grasps.0.point=[0.0, 0.5]"))
     with pytest.raises(ConfigError, match=r"initial\.q: the end-effectors do not reach .* object\.grasps"):
@@ -146,7 +146,7 @@ def test_a_step_takes_the_control_period_unless_told(simulator: Simulator) -> No
         ({"piezo_tau": np.zeros((2, 3)), "piezo_volts": np.zeros((2, 3))}, "piezo_tau or piezo_volts, not both"),
     ],
 )
-def test_bad_commands_are_refused(simulator: Simulator, bad: dict[str, Any], message: str) -> None:
+def test_bad_commands_are_rejected(simulator: Simulator, bad: dict[str, Any], message: str) -> None:
     """By everything that takes a command, with the name, what is allowed and what was given."""
     state = simulator.initial_state()
     for function in (simulator.step, simulator.acceleration, simulator.q_flex, simulator.grasp_forces):
@@ -156,27 +156,27 @@ def test_bad_commands_are_refused(simulator: Simulator, bad: dict[str, Any], mes
 
 @pytest.mark.parametrize("dt", [-0.002, 0.0, np.nan, np.inf])
 def test_durations_must_be_positive(simulator: Simulator, dt: float) -> None:
-    """Backwards, nothing, no number and for ever are refused."""
+    """Backwards, nothing, no number and for ever are rejected."""
     with pytest.raises(ValueError, match=r"dt must be a positive number of seconds, got"):
         simulator.step(simulator.initial_state(), dt=dt)
 
 
 @pytest.mark.parametrize(("key", "value"), [("integrator", "euler"), ("coupling", "loose"), ("max_step", -1e-3)])
-def test_unknown_settings_are_refused(key: str, value: Any) -> None:
+def test_unknown_settings_are_rejected(key: str, value: Any) -> None:
     """At construction, by a ValueError that names the key."""
     with pytest.raises(ValueError, match=f"simulation.{key} = "):
         Simulator(**{key: value})
 
 
-@pytest.mark.parametrize("fault", ["not a number", "no object", "other panels"])
-def test_bad_states_are_refused(simulator: Simulator, fault: str) -> None:
+@pytest.mark.parametrize("defect", ["not a number", "no object", "other panels"])
+def test_bad_states_are_rejected(simulator: Simulator, defect: str) -> None:
     """A state that is not finite or not this robot's raises a ValueError that says so."""
     state = simulator.initial_state()
     bad = {
         "not a number": {"q": state.q * np.nan},
         "no object": {"obj": None, "objd": None},
         "other panels": {"qf": np.zeros((2, 6)), "qfd": np.zeros((2, 6))},
-    }[fault]
+    }[defect]
     with pytest.raises(ValueError, match=r"state|finite"):
         simulator.step(replace(state, **bad))
 
@@ -216,10 +216,10 @@ def test_piezo_forces_become_voltages_and_back(simulator: Simulator) -> None:
 def test_wrench_adds_to_the_thrust_without_limit(simulator: Simulator) -> None:
     """Five times the thrusters' limit accelerates five times as much."""
     state, thrust = simulator.initial_state(), np.array([100.0, -50.0, 20.0])
-    rest, pushed, hit = (np.concatenate(simulator.acceleration(state, **command)[::2]) for command in (
+    rest, pushed, loaded = (np.concatenate(simulator.acceleration(state, **command)[::2]) for command in (
         {}, {"base": thrust}, {"base": thrust, "wrench": 4 * thrust}
     ))  # fmt: skip
-    np.testing.assert_allclose(hit - rest, 5 * (pushed - rest), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(loaded - rest, 5 * (pushed - rest), rtol=0, atol=1e-10)
 
 
 def test_thrust_is_along_the_base_axes(free: Simulator) -> None:

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents.evaluate import evaluate
-from baselines import make_policy
+from sffr_baselines import make_policy
 from sffr_gym import ConfigError, Simulator, load_params
-from sffr_gym.dynamics import accelerations, flexible_wrench, workspace
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.initial import initial_positions
-from sffr_gym.model import n_positions, pack, panel_beam, panel_modes
-from sffr_gym.staggered import base_answer, growth_rate, longest_stable_step
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.physics.dynamics import accelerations, flexible_wrench, work_shapes
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.model import pack, panel_beam, panel_modes
+from sffr_gym.physics.staggered import base_answer, growth_rate, longest_stable_step
+from sffr_workbench.evaluation import evaluate
 
 Array = NDArray[np.float64]
 
@@ -54,20 +55,20 @@ def test_the_base_feels_what_it_is_given() -> None:
     model = pack(params)
     p, v = initial_positions(params, model)
     p[2], v[2] = 0.4, 0.1
-    work, tau = workspace(model), np.random.default_rng(0).normal(size=n_positions(model))
+    work, tau = new_workspace(work_shapes(model)), np.random.default_rng(0).normal(size=model.at.end)
     exact, held, more = np.empty((3, len(p)))
-    accelerations(model, p, v, tau, work, exact)
+    accelerations(model, p, v, tau, work, exact, False, True)
     work.held[:] = flexible_wrench(model, v, work)
-    accelerations(model, p, v, tau, work, held, True)
+    accelerations(model, p, v, tau, work, held, True, True)
     np.testing.assert_allclose(held, exact, rtol=0.0, atol=1e-10 * np.abs(exact).max())
     work.held[:] += 1.0, 2.0, 3.0
-    accelerations(model, p, v, tau, work, more, True)
+    accelerations(model, p, v, tau, work, more, True, True)
     push = np.zeros_like(tau)
     c, s = np.cos(0.4), np.sin(0.4)
     push[:3] = c + 2 * s, 2 * c - s, 3.0
-    accelerations(model, p, v, tau + push, work, exact)
+    accelerations(model, p, v, tau + push, work, exact, False, True)
     work.held[:] -= 1.0, 2.0, 3.0
-    accelerations(model, p, v, tau + push, work, held, True)
+    accelerations(model, p, v, tau + push, work, held, True, True)
     np.testing.assert_allclose(more, held, rtol=0.0, atol=1e-10 * np.abs(held).max())
 
 

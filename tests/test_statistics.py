@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from agents.statistics import (
+from sffr_gym.task.statistics import (
     Estimate,
     interquartile_mean,
     mean,
@@ -48,6 +48,14 @@ def test_bootstrap_draws_within_scenarios():
     assert stratified_bootstrap(table, mean) == Estimate(*[pytest.approx(106.0 / 3.0)] * 3)
     estimate = stratified_bootstrap(table)
     assert estimate.low == estimate.value == estimate.high
+
+
+def test_bootstrap_draws_each_scenario_by_itself():
+    """Scores of opposite sign in two scenarios cancel only where both draw the same episodes."""
+    one = scores(10, 40, 1)
+    for sign in (1.0, -1.0):
+        estimate = stratified_bootstrap(np.hstack([one, sign * one]), mean)
+        assert estimate.high - estimate.low == pytest.approx(2.0 * 1.96 * one.std() / np.sqrt(80.0), rel=0.15)
 
 
 def test_bootstrap_is_that_of_scipy():
@@ -118,7 +126,7 @@ def test_what_is_no_table_raises(empty):
             function(empty)
 
 
-def test_faults_are_named():
+def test_errors_are_named():
     with pytest.raises(ValueError, match=r"confidence must be between 0 and 1, got 95"):
         stratified_bootstrap(scores(0, 3, 1), confidence=95)
     with pytest.raises(ValueError, match="2 and of 3 scenarios"):

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from sffr_gym.config import config_dir
-from sffr_gym.scenario import Scenario, load_scenario, scenario_names, suite_hash
+from sffr_gym.config.strict_yaml import config_dir
+from sffr_gym.task.scenario import Scenario, load_scenario, scenario_names, suite_hash
 
 
 def leaves(tree, prefix=()):

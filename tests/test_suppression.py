@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines import make_policy
-from baselines.policies import left_out
-from baselines.suppression import damped_coordinates
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.params import load_params
+from sffr_baselines import make_policy
+from sffr_baselines.laws import undamped_coordinates
+from sffr_baselines.suppression import damped_coordinates
+from sffr_gym.config.params import load_params
+from sffr_gym.envs.single import SFFRFlexEnv
 
 AUTHORITY = 47.5  # N or N m at full voltage
 B0, GAMMA, PSI = np.array([3500.0, 1.5, 5.0]), np.array([700.0, 10.0, 15.0]), 0.1
@@ -202,7 +202,7 @@ def test_rule_for_the_damped_coordinates(overrides, damped):
     """`auto` takes the coordinates whose own frequency times the period is below pi/2; `all` and a list are obeyed."""
     params = load_params().with_overrides(*overrides)
     assert damped_coordinates(params) == damped
-    assert left_out(params) == tuple(name for name in ("q4", "q5", "q6") if name not in damped)
+    assert undamped_coordinates(params) == tuple(name for name in ("q4", "q5", "q6") if name not in damped)
     policy = make_policy("hsc", params)
     expected = [value if name in damped else 0.0 for name, value in zip(("q4", "q5", "q6"), B0, strict=True)]
     np.testing.assert_array_equal(policy.initial_damping(), [expected] * 2)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from small_training import PPO_SMALL
 
-from agents.learned import load_schedule
-from agents.learning import tune as module
-from agents.learning.config import load_config
-from agents.learning.folder import BEST
-from agents.learning.tune_config import load_tune
-from agents.learning.validation import Validator
-from agents.statistics import interquartile_mean
+from sffr_agents import tune as module
+from sffr_agents.config import load_config
+from sffr_agents.folder import BEST
+from sffr_agents.tune_config import load_tune
+from sffr_agents.validation import Validator
+from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
+from sffr_gym.task.statistics import interquartile_mean
 
 tune = pytest.importorskip("optuna") and module.tune
 
@@ -39,7 +39,7 @@ def rows(folder):
 
 
 @pytest.mark.parametrize("storage", [None, "study.db"])
-def test_killed_search_goes_on_as_if_nothing_had_happened(plan, tmp_path, storage):
+def test_killed_search_resumes_with_the_same_costs(plan, tmp_path, storage):
     where = {name: None if storage is None else tmp_path / f"{name}-{storage}" for name in ("whole", "killed")}
     tune(plan, tmp_path / "whole", where["whole"])
 
@@ -74,7 +74,7 @@ def test_first_trial_has_the_settings_as_they_are(plan, tmp_path):
     assert best.params == {"learning.gamma": 0.98, "learning.n_epochs": 2, "network.hidden": "[8, 8]"}
 
 
-def test_folder_of_another_search_is_refused(plan, tmp_path):
+def test_folder_of_another_search_is_rejected(plan, tmp_path):
     tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
     with pytest.raises(ConfigError, match="another search"):
         tune(plan.model_copy(update={"seeds": 3}), tmp_path / "run")
@@ -92,7 +92,7 @@ def test_folder_of_another_search_is_refused(plan, tmp_path):
         ("{key: network.hidden, choices: [wide]}", "must be a list"),
     ],
 )
-def test_faults_of_a_search_are_named(space, message, tmp_path):
+def test_errors_of_a_search_are_named(space, message, tmp_path):
     file = tmp_path / "search.yaml"
     file.write_text(f"train: ppo\nspace:\n  - {space}\n")
     with pytest.raises(ConfigError, match=message):

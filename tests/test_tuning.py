@@ -1,15 +1,16 @@
-"""The tuning of HSC: what it minimises, what it refuses, and the settings that it writes."""
+"""The tuning of HSC: what it minimises, what it rejects, and the settings that it writes."""
 
 import pytest
 from typer.testing import CliRunner
 
-from agents.benchmark.tuning import Tuning, tune_hsc, write_damping
-from agents.cli import app
-from agents.evaluate import evaluate
-from agents.score import costs
-from baselines import make_policy
-from baselines.settings import Damping, load_damping
-from sffr_gym import ConfigError, config, load_params
+from sffr_baselines import make_policy
+from sffr_baselines.settings import TunedDamping, load_tuned_damping
+from sffr_gym import ConfigError, load_params
+from sffr_gym.config import strict_yaml as config
+from sffr_gym.task.score import costs
+from sffr_workbench.benchmark.tuning import Tuning, tune_hsc, write_damping
+from sffr_workbench.cli.app import app
+from sffr_workbench.evaluation import evaluate
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def test_search_repeats(found, swinging):
 
 
 @pytest.mark.parametrize("seeds", [(999_999, 2), (1_000_000, 1), (-1, 3), (0, 0)])
-def test_evaluation_seeds_are_refused(seeds, swinging):
+def test_evaluation_seeds_are_rejected(seeds, swinging):
     seed, episodes = seeds
     with pytest.raises(ConfigError, match="training takes at least one, from 0 to 999999"):
         tune_hsc(load_params(), swinging, episodes, seed)
@@ -57,14 +58,14 @@ def test_written_settings_are_read_back(tmp_path):
     tuning = Tuning(1.25, 4.5, 0.91234, 1.0, 40)
     file = write_damping(tmp_path / "tuned.yaml", tuning, "sffr tune-hsc --episodes 3")
     data, where = config.read_mapping(file)
-    damping = config.build(Damping, data, where)
+    damping = config.build(TunedDamping, data, where)
     assert (damping.q5, damping.q6, damping.cost, damping.hsc_cost) == (1.25, 4.5, 0.91234, 1.0)
     assert damping.command == "sffr tune-hsc --episodes 3" and "tried 40 pairs" in file.read_text()
 
 
 def test_policy_has_the_tuned_damping():
     """On q5 and q6, panel by panel; q4 keeps that of the parameters."""
-    found = load_damping()
+    found = load_tuned_damping()
     params = load_params().with_overrides("suppression.coordinates=all", "control.period=5.0e-4")
     policy = make_policy("hsc-tuned", params)
     assert policy.initial_damping().tolist() == [[3500.0, found.q5, found.q6]] * 2
@@ -77,7 +78,7 @@ def test_command_writes_its_settings(swinging, tmp_path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     data, where = config.read_mapping(file)
-    found = config.build(Damping, data, where)
+    found = config.build(TunedDamping, data, where)
     assert f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad" in done.output
 
 

@@ -9,8 +9,8 @@ from gymnasium.vector import AutoresetMode
 from stepping import N_ACTIONS
 
 from sffr_gym import ConfigError
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 
 def test_integer_seeds_count_up_and_lists_are_taken_as_given():

@@ -5,7 +5,6 @@ import pickle
 import subprocess
 import sys
 import warnings
-from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -14,15 +13,16 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from stepping import N_ACTIONS
 
-from sffr_gym import batch
-from sffr_gym.env import SFFRFlexEnv
-from sffr_gym.episode import draw, nominal
-from sffr_gym.fleet import make_fleet
-from sffr_gym.lanes import WIDTH
-from sffr_gym.params import load_params
-from sffr_gym.scenario import load_scenario, scenario_names
-from sffr_gym.task import REASONS, RUNNING, make_robot
-from sffr_gym.vector_env import SFFRFlexVectorEnv
+from sffr_gym.compile.lanes import WIDTH
+from sffr_gym.config.params import load_params
+from sffr_gym.envs import batch
+from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.scenario import load_scenario, scenario_names
+from sffr_gym.task.status import REASONS, RUNNING
+from sffr_gym.task.task_model import make_task_model
 
 SINCE_1_4 = pytest.mark.skipif(
     tuple(map(int, gym.__version__.split(".")[:2])) < (1, 4), reason="the wrapper miscounts SAME_STEP before 1.4"
@@ -132,13 +132,13 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
     """However a batch is cut up for the threads, it goes through the same states."""
     n, calls = 45, []  # forty in lanes, and five
 
-    for name in "step_lanes", "step_range":
+    step = batch.step_range
 
-        def spy(step, fleet, envs, inputs, active, first, last):
-            calls.append((first, last))
-            step(fleet, envs, inputs, active, first, last)
+    def spy(*arguments):
+        calls.append(arguments[-2:])
+        step(*arguments)
 
-        monkeypatch.setattr(batch, name, partial(spy, getattr(batch, name)))
+    monkeypatch.setattr(batch, "step_range", spy)
     results = []
     for setting in ((1, 32), (threads, chunk)):
         monkeypatch.setattr(batch, "THREADS", setting[0])
@@ -157,19 +157,19 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
 @pytest.mark.parametrize("n", [3, WIDTH])
 def test_a_neighbour_that_blows_up_does_no_harm(n):
     """A state that overflows ends its own episode alone; the others do not feel it, one after the other or in lanes."""
-    robot, params = make_robot(load_params()), load_params()
+    robot, params = make_task_model(load_params()), load_params()
     fleet, rng = make_fleet(robot), np.random.default_rng(0)
     episodes = [draw(load_scenario("excited"), nominal(params), rng) for _ in range(n)]
-    envs, alone = batch.make_batch(robot, n), batch.make_batch(robot, n)
+    envs, alone, memory = batch.make_batch(robot, n), batch.make_batch(robot, n), batch.batch_memory(robot, n)
     for i, episode in enumerate(episodes):
-        batch.start_episode(fleet, envs, i, episode)
-        batch.start_episode(fleet, alone, i, episode)
+        batch.start_episode(fleet, envs, memory, i, episode)
+        batch.start_episode(fleet, alone, memory, i, episode)
     envs.v[1, 4] = 1.0e200
     inputs = actions(1, n)[0]
     others = np.arange(n) != 1
     with np.errstate(all="ignore"):  # where the kernels are not compiled
-        batch.step_batch(fleet, envs, inputs, np.ones(n, dtype=bool))
-    batch.step_batch(fleet, alone, inputs, others)
+        batch.step_batch(fleet, envs, memory, inputs, np.ones(n, dtype=bool))
+    batch.step_batch(fleet, alone, memory, inputs, others)
     assert REASONS[envs.status[1]] == "non-finite state"
     for left, right in zip(envs, alone, strict=True):
         np.testing.assert_array_equal(left[others], right[others])
@@ -290,7 +290,7 @@ def test_a_forked_process_can_step():
     code = (
         "import os, signal, time, numpy as np\n"
         "from sffr_gym import batch\n"
-        "from sffr_gym.vector_env import SFFRFlexVectorEnv\n"
+        "from sffr_gym.envs.vector import SFFRFlexVectorEnv\n"
         "batch.THREADS, batch.SMALLEST_CHUNK = 2, 1\n"
         "env = SFFRFlexVectorEnv(4)\n"
         "env.reset(seed=0)\n"

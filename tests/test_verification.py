@@ -8,8 +8,8 @@ from importlib import import_module
 import numba
 import pytest
 
-from verification import Check, Picture, number, run_checks, suite, write_page
-from verification.check import judge, relative, rms
+from sffr_workbench.verify import Check, CheckFigure, run_checks, suite, write_page
+from sffr_workbench.verify.check import make_check, relative, rms
 
 LIBRARIES = {
     "equations": ["sympy"],
@@ -41,7 +41,7 @@ def test_section_passes(name, libraries):
         pytest.importorskip(library)
     if numba.config.DISABLE_JIT and name in INTEGRATING:
         pytest.skip("not compiled")
-    for function in import_module(f"verification.{name}").checks(quick=True):
+    for function in import_module(f"sffr_workbench.verify.{name}").checks(quick=True):
         check = function()
         assert check.passed, f"{check.name}: {check.error:.3g} {check.unit}, allowed {check.allowed:.3g}. {check.note}"
         assert math.isfinite(check.error)
@@ -53,7 +53,7 @@ def test_every_section_is_tested_here():
 
 @pytest.mark.parametrize(("error", "passed"), [(1.0, True), (1.0 + 1e-9, False), (math.nan, False), (math.inf, False)])
 def test_a_check_passes_up_to_what_is_allowed(error, passed):
-    assert judge("", "", error, 1.0, "", "").passed is passed
+    assert make_check("", "", error, 1.0, "", "").passed is passed
 
 
 def test_measures():
@@ -64,8 +64,8 @@ def test_measures():
 def test_a_wrong_sign_is_found(monkeypatch):
     """The panel's gyroscopic coupling with the other sign, in the readable form: derivation and kernels disagree."""
     pytest.importorskip("sympy")
-    from sffr_gym import monolithic
-    from verification import coupling, equations
+    from sffr_gym.physics import monolithic
+    from sffr_workbench.verify import coupling, equations
 
     right = monolithic.panel_equations
 
@@ -87,7 +87,7 @@ def test_a_missing_library_and_a_broken_check_are_failures(monkeypatch):
     module = type("Module", (), {"checks": staticmethod(broken)})
 
     def find(name):
-        if name == "verification.first":
+        if name == "sffr_workbench.verify.first":
             raise ModuleNotFoundError("No module named 'engine'", name="engine")
         return module
 
@@ -96,7 +96,7 @@ def test_a_missing_library_and_a_broken_check_are_failures(monkeypatch):
     begun = []
     missing, raised, good = run_checks(quick=True, progress=lambda what, done, total: begun.append((what, done, total)))
     assert begun[1:] == [
-        ("A section whose library is missing, or a check that broke down", 0, 3),
+        ("Fail a section whose library is missing, or a check that raised", 0, 3),
         ("", 1, 3),
         ("", 2, 3),
     ]
@@ -115,21 +115,7 @@ def test_a_simulator_that_does_not_run_is_a_failure(monkeypatch):
     assert not failed.passed and failed.note == "FloatingPointError: not finite"
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (0.0, "entries", "0 entries"),
-        (1.234e-12, "m", "1.2e-12 m"),
-        (0.0948, "", "0.095"),
-        (math.nan, "m", "none"),
-        (math.inf, "", "inf"),
-    ],
-)
-def test_numbers_for_people(value, unit, text):
-    assert number(value, unit) == text
-
-
-def test_page_has_every_check_and_picture(tmp_path):
+def test_page_has_every_check_and_figure(tmp_path):
     pytest.importorskip("matplotlib")
 
     def draw():
@@ -139,8 +125,8 @@ def test_page_has_every_check_and_picture(tmp_path):
         figure.subplots().plot([0.0, 1.0])
         return figure
 
-    picture = Picture("Curves & lines", "What to see", draw)
-    checks = [passing("a < b", pictures=(picture,)), passing("second", passed=False, section="Other")]
+    figure = CheckFigure("Curves & lines", "What to see", draw)
+    checks = [passing("a < b", figures=(figure,)), passing("second", passed=False, section="Other")]
     text = write_page(checks, tmp_path / "new").read_text(encoding="utf-8")
 
     class Reader(HTMLParser):

@@ -1,0 +1,131 @@
+"""A trained policy as one ``.npz`` file of plain numbers, which runs without torch and without pickle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecMonitor
+from torch import nn
+
+from sffr_agents.algorithms import make_model
+from sffr_agents.checkpoint import load_checkpoint
+from sffr_agents.config import TrainConfig
+from sffr_agents.folder import CHECKPOINTS, read_run
+from sffr_agents.sb3_vec_env import batch_of
+from sffr_agents.validation import hash_of_suite
+from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
+from sffr_gym.config.params import Params
+from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.types import Array
+
+
+def origin_of(config: TrainConfig, params: Params, **more: Any) -> dict[str, Any]:
+    """Return what a policy's file says of its training: algorithm, hashes of configuration and suite, and more."""
+    suite = hash_of_suite(config.validation, params)
+    return {"algo": config.algo, "config_hash": config.hash(), "suite_hash": suite} | more
+
+
+def network_of(model: Any) -> Network:
+    """Return the deterministic actor of a Stable-Baselines3 model as plain layers.
+
+    Args:
+        model: a PPO, SAC, TD3, TQC or CrossQ model with an ``MlpPolicy`` of tanh or rectified layers.
+
+    Raises:
+        ValueError: for a layer that has no counterpart.
+    """
+    policy = model.policy
+    if hasattr(policy, "mlp_extractor"):
+        head = policy.action_net if isinstance(policy.action_net, nn.Sequential) else [policy.action_net]
+        return _layers([*policy.mlp_extractor.policy_net, *head])
+    actor = policy.actor
+    if isinstance(actor.mu, nn.Sequential):  # TD3
+        return _layers(actor.mu)
+    return _layers([*actor.latent_pi, actor.mu, nn.Tanh()])
+
+
+def _layers(modules: Iterable[nn.Module]) -> Network:
+    """Return linear layers with the normalisations between them folded in, and what kind of units they have."""
+    matrices: list[Array] = []
+    biases: list[Array] = []
+    kinds: list[str] = []
+    scale, shift = 1.0, 0.0  # of a normalisation that waits for the next linear layer
+    for module in modules:
+        if isinstance(module, nn.Linear):
+            matrix, bias = _array(module.weight), _array(module.bias)
+            biases.append(bias + matrix @ np.broadcast_to(shift, matrix.shape[1]))
+            matrices.append(matrix * scale)
+            scale, shift = 1.0, 0.0
+            kinds.append("")
+        elif isinstance(module, nn.Tanh | nn.ReLU):
+            kinds[-1] = type(module).__name__.lower()
+        elif hasattr(module, "ra_mean"):
+            scale, shift = _affine(module)
+        else:
+            raise ValueError(f"a policy with a layer {module} cannot be exported")
+    hidden = set(kinds[:-1])
+    if len(hidden) > 1 or kinds[-1] not in ("", "tanh") or "" in hidden:
+        raise ValueError(f"a policy with the layers {kinds} cannot be exported")
+    return Network(tuple(matrices), tuple(biases), hidden == {"relu"}, kinds[-1] == "tanh")
+
+
+def _affine(module: Any) -> tuple[Any, Any]:
+    """Return scale and shift of sb3-contrib's batch renormalisation in use."""
+    mean, variance = _array(module.ra_mean), _array(module.ra_var)
+    scale = _array(module.scale) / np.sqrt(variance + module.eps)
+    return scale, _array(module.bias) - mean * scale
+
+
+def _array(tensor: torch.Tensor) -> Array:
+    return tensor.detach().cpu().numpy().astype(np.float64)
+
+
+def export_run(folder: Path, file: Path) -> None:
+    """Write the policy of a run's last checkpoint.
+
+    Raises:
+        ConfigError: if the folder holds no training or no checkpoint.
+    """
+    config, seed = read_run(folder)
+    model, env = make_model(config, seed)
+    load_checkpoint(folder / CHECKPOINTS, model, env)
+    _write(model, env, config, file, seed=seed, steps=model.num_timesteps)
+
+
+def export_zip(source: Path, config: TrainConfig, file: Path, trust: bool = False) -> None:
+    """Write the policy of a Stable-Baselines3 zip.
+
+    Its weights alone are read, into a model built from the configuration. What else is in a zip is pickled, and
+    unpickling runs whatever code its author put there.
+
+    Args:
+        source: the zip.
+        config: it was trained with.
+        file: where the policy goes.
+        trust: unpickle it all, so that the configuration's networks need not be the zip's.
+
+    Raises:
+        ConfigError: if the weights do not fit the configuration.
+        OSError: if it cannot be read.
+    """
+    model, env = make_model(config, seed=0)
+    try:
+        if trust:
+            model = type(model).load(source, env=env, device="cpu")
+        else:
+            model.set_parameters(str(source), device="cpu")
+    except (RuntimeError, ValueError, KeyError) as error:
+        raise ConfigError(f"{source}: does not fit the configuration: {error}") from None
+    _write(model, env, config, file, source=source.name)
+
+
+def _write(model: BaseAlgorithm, env: VecMonitor, config: TrainConfig, file: Path, **more: Any) -> None:
+    """Write the policy of a model, and where it comes from."""
+    batch = batch_of(env)
+    about = origin_of(config, batch.params, **more)
+    save_schedule(file, LearnedSchedule.of(network_of(model), batch, about))

@@ -1,0 +1,200 @@
+"""The compiled closed loop: law and plant over many control periods in one call, on the observation alone.
+
+The same kernels as behind ``SFFRFlex-v0``, so that stepping a policy through the Gymnasium interface gives the same
+trajectory.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_baselines.mic import MicWork, mic, mic_shapes
+from sffr_baselines.regulator import Regulator, regulate
+from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes, update_schedule
+from sffr_baselines.suppression import Suppression, suppress
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.linalg import assign
+from sffr_gym.compile.workspace import workspace
+from sffr_gym.physics.actuators import command_of
+from sffr_gym.physics.beam import N_TIP
+from sffr_gym.physics.model import N_BASE, Model
+from sffr_gym.task.control_period import PeriodWork, control_period, period_shapes
+from sffr_gym.task.disturbances import impulse_wrench, sense
+from sffr_gym.task.observation import ObservationIndex
+from sffr_gym.task.reference import Reference
+from sffr_gym.task.signals import N_SIGNALS, tip_deflection
+from sffr_gym.task.status import NOT_FINITE, RUNNING
+from sffr_gym.task.task_model import TaskModel
+from sffr_gym.types import Array, IntArray
+
+
+class Law(NamedTuple):
+    """HSC and its relatives as one compiled law; everything here is what the controller believes."""
+
+    prior: Model  #: the robot
+    reference: Reference  #: the formation that the task asks for
+    held: IntArray  #: joints that hold their angles
+    Kp: float  #: gains [1/s2, 1/s]
+    Kd: float
+    at: ObservationIndex  #: index map of the observation
+    suppression: Suppression  #: the panels' law
+    regulator: Regulator  #: what is added to it, of no effect in the paper's laws
+    schedule: Schedule  #: what changes the virtual damping over time, of no effect in them either
+    allocation: Array  #: (n_p, n_c, 3) volts for a desired tip force
+    scale: Array  #: (n_u,) command of a unit action
+
+
+class Record(NamedTuple):
+    """What the loop keeps: signals and tips of every period, the rest of every ``stride``-th, at its start.
+
+    Attributes:
+        signals: (n_ticks, N_SIGNALS); see ``task.SIGNALS``.
+        tips: (n_ticks, n_p) transverse tip displacements at the period's end [m].
+        stride: periods between two rows of the rest.
+        p, v, obs, applied, B_hat, q_flex, lam: (rows, ...) states, observations, commands after the limits, virtual
+            damping as it acts, Q_flex and grasp forces (base axes).
+    """
+
+    signals: Array
+    tips: Array
+    stride: int
+    p: Array
+    v: Array
+    obs: Array
+    applied: Array
+    B_hat: Array
+    q_flex: Array
+    lam: Array
+
+
+class LoopWork(NamedTuple):
+    """Memory of the closed loop."""
+
+    period: PeriodWork  #: of the plant's control period
+    mic: MicWork  #: of the law
+    schedule: ScheduleWork
+    command: Array  #: (n_u,) of the law
+    wrench: Array  #: (3,) impulses on the base
+
+
+class ActWork(NamedTuple):
+    """Memory of :func:`act`: of the law."""
+
+    mic: MicWork
+    schedule: ScheduleWork
+
+
+@inline
+def loop_shapes(plant, law):
+    """Shapes of the :class:`LoopWork` of a plant under a :class:`Law`."""
+    return LoopWork(period_shapes(plant), mic_shapes(law.prior), schedule_shapes(law), (len(law.scale),), (3,))
+
+
+@inline
+def act_shapes(law):
+    """Shapes of the memory of :func:`act`."""
+    return ActWork(mic_shapes(law.prior), schedule_shapes(law))
+
+
+def make_record(task: TaskModel, ticks: int, stride: int) -> Record:
+    """Allocate what an episode of ``ticks`` control periods leaves."""
+    rows, n, n_p = (ticks - 1) // stride + 1, task.model.at.end, len(task.model.panel_root)
+    return Record(
+        signals=np.zeros((ticks, N_SIGNALS)), tips=np.zeros((ticks, n_p)), stride=stride, p=np.zeros((rows, n)),
+        v=np.zeros((rows, n)), obs=np.zeros((rows, len(task.bound))), applied=np.zeros((rows, len(task.scale))),
+        B_hat=np.zeros((rows, n_p, N_TIP)), q_flex=np.zeros((rows, 3)),
+        lam=np.zeros((rows, len(task.model.grasp_arm), 2)),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def control(law, obs, B_hat, factor, work, command):
+    """Write the command (n_u,) of the law for an observation (n_o,) and adapt ``B_hat`` (n_p, 3) in place.
+
+    factor: (n_p, 3) of the virtual damping; work: a :class:`mic.MicWork`.
+    """
+    n_volts = law.allocation.shape[0] * law.allocation.shape[1]
+    volts = command[:n_volts]
+    suppress(law.suppression, law.allocation, law.scale[:n_volts], law.at, obs, factor, B_hat, volts)
+    if law.regulator.active:
+        regulate(law.regulator, law.allocation, law.at, obs, volts)
+    thrust, torque = command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :]
+    mic(law.prior, law.reference, law.held, law.Kp, law.Kd, law.at, obs, work, thrust, torque)
+
+
+@kernel
+def act(law, tick, obs, B_hat, factor, actions, block):
+    """Write the actions (n, n_u) for observations (n, n_o) after ``tick`` control periods.
+
+    B_hat, factor: (n, n_p, 3) virtual damping and what a schedule makes of it, both changed in place.
+    block: memory; see :func:`act_shapes`.
+    """
+    work = workspace(block, act_shapes(law))
+    for i in range(len(obs)):
+        if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
+            update_schedule(law, obs[i], work.schedule, factor[i])
+        control(law, obs[i], B_hat[i], factor[i], work.mic, actions[i])
+        for k in range(len(law.scale)):
+            actions[i, k] /= law.scale[k]
+
+
+@kernel(nogil=True)
+def run(plant, reference, sensing, impulses, law, block, first, last, p, v, obs, B_hat, factor, record):
+    """Run law and plant from period ``first`` up to ``last``, in place.
+
+    plant: a :class:`task_model.TaskModel`; reference, sensing, impulses: those of the episode.
+    law: what the controller does and believes; block: memory, see :func:`loop_shapes`.
+    p, v: (n,) positions and velocities; obs: (n_o,) their observation.
+    B_hat, factor: (n_p, 3) virtual damping and what a schedule makes of it.
+    record: written; its rows count from period 0.
+
+    Returns the number of periods that ran and the status of the last one.
+    """
+    work = workspace(block, loop_shapes(plant, law))
+    period, command = work.period, work.command
+    for tick in range(first, last):
+        keep = tick % record.stride == 0
+        row = tick // record.stride
+        if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
+            update_schedule(law, obs, work.schedule, factor)
+        if keep:
+            _keep_state(record, row, p, v, obs, B_hat, factor)
+        control(law, obs, B_hat, factor, work.mic, command)
+        for k in range(len(command)):
+            command[k] /= law.scale[k]
+        command_of(command, plant.scale, command)
+        impulse_wrench(impulses, tick, plant.period, work.wrench)
+        t_end, signals = (tick + 1) * plant.period, record.signals[tick]
+        outcome = control_period(plant, reference, t_end, p, v, command, work.wrench, period, obs, signals)
+        for i in range(len(plant.model.panel_root)):
+            record.tips[tick, i] = tip_deflection(plant.actuators, plant.model, i, p)
+        if outcome != NOT_FINITE:  # else the last observation stays
+            sense(plant, reference, sensing, tick + 1, period.before.p, period.before.v, period.step.dynamics, obs)
+        if keep:
+            _keep_forces(record, row, period)
+        if outcome != RUNNING:
+            return tick + 1, outcome
+    return last, RUNNING
+
+
+@kernel(inline=True)
+def _keep_state(record, row, p, v, obs, B_hat, factor):
+    """Write the state at a period's start, and the virtual damping as it acts, into a row of the record."""
+    assign(record.p[row], p)
+    assign(record.v[row], v)
+    assign(record.obs[row], obs)
+    for i in range(len(B_hat)):
+        for k in range(N_TIP):
+            record.B_hat[row, i, k] = factor[i, k] * B_hat[i, k]
+
+
+@kernel(inline=True)
+def _keep_forces(record, row, period):
+    """Write what acted during a period into a row of the record."""
+    forces = period.step.forces
+    assign(record.applied[row], period.applied)
+    assign(record.q_flex[row], forces.q_flex)
+    for g in range(len(forces.lam_x)):
+        record.lam[row, g, 0], record.lam[row, g, 1] = forces.lam_x[g], forces.lam_y[g]

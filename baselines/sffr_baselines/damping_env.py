@@ -1,0 +1,247 @@
+"""``SFFRFlexDamping-v0``: an agent schedules the virtual damping of a law that runs inside, single and batched."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from sffr_baselines.closed_loop import Law
+from sffr_baselines.damping_loop import damping_memory, make_damping, start_damping, step_damping
+from sffr_baselines.schedule import BOUNDS
+from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
+from sffr_baselines.suppression import TRANSVERSE
+from sffr_gym.envs.single import ONE, ParamsLike, SFFRFlexEnv, make_renderer
+from sffr_gym.envs.vector import Mask, SFFRFlexVectorEnv
+from sffr_gym.task.episode import Episode
+from sffr_gym.task.scenario import Scenario
+from sffr_gym.types import Array
+
+DURATION = 30.0  # of an episode [s]
+
+
+class SFFRFlexDampingEnv(SFFRFlexEnv):
+    """The task of ``SFFRFlex-v0`` with a controller inside: an agent chooses how strongly it damps the panels.
+
+    ## Description
+    HSC or AHSC runs at the control period of 2 ms. Every 0.1 s the agent multiplies the virtual damping of each elastic
+    coordinate that the law damps by a factor between 1/10 and 10. The damping stays positive whatever the agent does,
+    so it can only take energy out of a panel, and action 0 is the law itself, bitwise identical.
+
+    ## Action space
+    ``Box(-1, 1, (4,), float32)``: ``B = B_hat rho**action``. At the default period the law damps q5 and q6:
+
+    | index | damping of |
+    |---|---|
+    | 0, 1 | left panel: transverse displacement (q5) and slope (q6) of the tip |
+    | 2, 3 | right panel, the same |
+
+    ## Observation space
+    ``Box(float32)``, panel by panel in its own axes, scaled by constants (``env.unwrapped.obs_names``). The two bending
+    modes of the law's panel are taken about the quasi-static shape, as coordinates whose squares are energies; ``E`` is
+    their sum, a panel's vibration energy as the controller sees it. The positive side of a panel is the one to which
+    the path's acceleration points: mirror images are the same.
+
+    | index | of the left panel (the right one's follow) | range |
+    |---|---|---|
+    | 0-3 | displacement and rate of mode 1, of mode 2, divided by the root of 2 E | [-1, 1] |
+    | 4 | log10 of the root of E over the reward's energy scale | [-3, 3] |
+    | 5 | path acceleration across the panel, over v^2 / r | [0, 5] |
+    | 6 | its rate, over v^3 / r^2 | [-5, 5] |
+
+    ## Reward
+    The reward of ``SFFRFlex-v0`` summed over the control periods of the step, term by term (``info["reward_<name>"]``).
+
+    ## Info
+    As in ``SFFRFlex-v0``: reward terms and ``cost`` are sums over the step, the measures those of its last control
+    period. ``damping`` is the damping that acts now, (panels, 3).
+
+    ## Starting state
+    Drawn from the scenario, anywhere on the circle with ``random_phase``.
+
+    ## Episode end
+    As in ``SFFRFlex-v0``; truncates after ``duration``.
+
+    ## Arguments
+    - ``scenario``, ``params``, ``overrides``, ``render_mode``: as in ``SFFRFlex-v0``.
+    - ``law``: ``hsc`` or ``ahsc``.
+    - ``rho``: largest factor; 1/rho is the smallest.
+    - ``agent_period``: time between two actions [s], a multiple of the control period.
+    - ``duration``: length of an episode [s]; None for the scenario's.
+    - ``random_phase``: start anywhere on the circle.
+    - ``base_tolerance``: error of the base [m] at which an action counts half, further off less: the law by itself
+      brings the base back. None: actions always count in full.
+
+    ## Version history
+    - v0: first version.
+    """
+
+    def __init__(
+        self,
+        scenario: str | os.PathLike[str] = "excited",
+        params: ParamsLike = None,
+        overrides: tuple[str, ...] | list[str] = (),
+        render_mode: str | None = None,
+        law: str = "ahsc",
+        rho: float = RHO,
+        agent_period: float = AGENT_PERIOD,
+        duration: float | None = DURATION,
+        random_phase: bool = True,
+        base_tolerance: float | None = None,
+    ) -> None:
+        """Build the environment; see the class for the arguments.
+
+        Raises:
+            ConfigError: for parameters, a scenario or an argument that are not valid, or a damping that the sampled
+                loop cannot run.
+        """
+        super().__init__(scenario, params, overrides, render_mode)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self._renderer = None if render_mode is None else make_renderer(self.prior_task, damped=True)
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.law_name, self.obs_names = law, observation_names(self.params)
+        self.action_names = action_names(self.params, self.law)
+        self.action_space, self.observation_space = damping_spaces(self.law)
+        self._duration, self._random_phase = duration, random_phase
+        self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
+
+    @property
+    def damping(self) -> Array:
+        """Return the virtual damping that acts now (panels, 3) [N s/m, N s/m, N m s/rad]."""
+        return self._damping.factor[0] * self._damping.B_hat[0]
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of everything that the future depends on, which :meth:`set_state` restores bit for bit."""
+        return super().get_state() | {"damping": copy.deepcopy(self._damping)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        super().set_state(state)
+        self._damping = copy.deepcopy(state["damping"])
+
+    def _distribution(self) -> Scenario:
+        return training_scenario(self.scenario, self._duration, self._random_phase)
+
+    def _start(self, episode: Episode) -> None:
+        super()._start(episode)
+        start_damping(self.law, self._batch, self._damping, 0, episode.ticks)
+
+    def _advance(self, actions: Array) -> None:
+        step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, ONE)
+
+    def _observed(self) -> Array:
+        return self._damping.features[0].astype(np.float32)
+
+    def _acting(self) -> Array:
+        return self.damping[None, :, TRANSVERSE]
+
+    def _info(self) -> dict[str, Any]:
+        return super()._info() | {"damping": self.damping}
+
+
+class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
+    """Many independent ``SFFRFlexDamping-v0`` environments, advanced by one compiled call for each action.
+
+    Spaces, reward and episode as in :class:`SFFRFlexDampingEnv`; seeds, autoreset and infos as in
+    :class:`SFFRFlexVectorEnv`.
+
+    Attributes:
+        step_rewards: of vibration and effort, panel by panel (n, panels), and all terms (n, 3), of the last step.
+
+    Args:
+        num_envs: number of environments.
+        max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over.
+        autoreset_mode: see :class:`SFFRFlexVectorEnv`.
+        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance: as for
+            the single one.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        scenario: str | os.PathLike[str] = "excited",
+        params: ParamsLike = None,
+        overrides: tuple[str, ...] | list[str] = (),
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        law: str = "ahsc",
+        rho: float = RHO,
+        agent_period: float = AGENT_PERIOD,
+        duration: float | None = DURATION,
+        random_phase: bool = True,
+        base_tolerance: float | None = None,
+    ) -> None:
+        """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
+        super().__init__(
+            num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
+            autoreset_mode=autoreset_mode,
+        )  # fmt: skip
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self._renderers = [make_renderer(self.prior_task, damped=True) for _ in range(num_envs if render_mode else 0)]
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.law_name, self.obs_names = law, observation_names(self.params)
+        self.action_names = action_names(self.params, self.law)
+        self.single_action_space, self.single_observation_space = damping_spaces(self.law)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._max_steps = None if max_episode_steps is None else max_episode_steps * self.law.schedule.hold
+        self._duration, self._random_phase = duration, random_phase
+        self._damping = make_damping(self.law, num_envs)
+        self._memory = damping_memory(self.prior_task, self.law, num_envs)
+        self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
+
+    @property
+    def damping(self) -> Array:
+        """Return the virtual damping that acts now (n, panels, 3) [N s/m, N s/m, N m s/rad]."""
+        return self._damping.factor * self._damping.B_hat
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of everything that the future depends on, which :meth:`set_state` restores bit for bit."""
+        return super().get_state() | {"damping": copy.deepcopy(self._damping)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        super().set_state(state)
+        self._damping = copy.deepcopy(state["damping"])
+
+    def _distribution(self) -> Scenario:
+        return training_scenario(self.scenario, self._duration, self._random_phase)
+
+    def _start(self, i: int, episode: Episode) -> None:
+        super()._start(i, episode)
+        start_damping(self.law, self._batch, self._damping, i, episode.ticks)
+
+    def _advance(self, actions: Array, active: Mask) -> None:
+        step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, active)
+        self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()
+
+    def _observed(self) -> Array:
+        return self._damping.features.astype(np.float32)
+
+    def _acting(self) -> Array:
+        return self.damping[:, :, TRANSVERSE]
+
+    def _infos(self, mask: Mask) -> dict[str, Any]:
+        return super()._infos(mask) | {"damping": self.damping, "_damping": mask.copy()}
+
+
+def training_scenario(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:
+    """Return the scenario with the length [s] and the start of an agent's episodes."""
+    length = scenario.duration if duration is None else duration
+    return scenario.model_copy(update={"random_phase": random_phase or scenario.random_phase, "duration": length})
+
+
+def damping_spaces(law: Law, panels: int | None = None) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return action and observation space of one environment, or of so many of its panels."""
+    n_p = panels or len(law.allocation)
+    bound = np.tile(BOUNDS, n_p).astype(np.float32)
+    n_a = n_p * int(law.suppression.damped.sum())
+    return gym.spaces.Box(-1.0, 1.0, (n_a,), np.float32), gym.spaces.Box(-bound, bound, dtype=np.float32)

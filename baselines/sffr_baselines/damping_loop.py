@@ -1,0 +1,218 @@
+"""Many closed loops whose virtual damping is chosen from outside, advanced by one compiled call for each decision."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_baselines.closed_loop import Law, control
+from sffr_baselines.mic import MicWork, mic_shapes
+from sffr_baselines.schedule import N_FEATURES, apply_decision, write_features
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.lanes import columns, gather, take, where
+from sffr_gym.compile.workspace import workspace
+from sffr_gym.envs.batch import (
+    Batch,
+    Group,
+    Memory,
+    advance_group,
+    begin,
+    clipped,
+    group_shapes,
+    load,
+    make_memory,
+    run_in_threads,
+    sense_lane,
+    store,
+)
+from sffr_gym.envs.fleet import Fleet, plant_at
+from sffr_gym.physics.actuators import command_of
+from sffr_gym.physics.beam import N_TIP
+from sffr_gym.task.control_period import PeriodWork, period_shapes
+from sffr_gym.task.reward import REWARDS
+from sffr_gym.task.status import RUNNING
+from sffr_gym.task.task_model import TaskModel
+from sffr_gym.types import Array, IntArray
+
+SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many control periods
+
+
+class Damping(NamedTuple):
+    """What ``n`` closed loops have beyond their :class:`batch.Batch`."""
+
+    B_hat: Array  #: (n, n_p, 3) virtual damping of the law
+    factor: Array  #: (n, n_p, 3) by which the last decision multiplies it
+    features: Array  #: (n, n_p N_FEATURES) what the next decision sees
+    reward: Array  #: (n, n_p) reward of each panel's own vibration and effort during the last decision
+    end: IntArray  #: (n,) control period at which the episode is over
+
+
+class Decision(NamedTuple):
+    """What is held in a group of environments during a decision, and summed; see :class:`Damping`."""
+
+    B_hat: Array  #: (n_p, 3)
+    factor: Array  #: (n_p, 3)
+    running: Array  #: (1,) 1 while the episode goes on, else 0
+    reward: Array  #: (1,)
+    cost: Array  #: (1,)
+    terms: Array  #: (3,)
+    panels: Array  #: (n_p,) reward of each panel
+
+
+class DecisionWork(NamedTuple):
+    """Memory of a group: the control period's first, so that those of one environment can share a block."""
+
+    period: PeriodWork
+    group: Group
+    decision: Decision
+    mic: MicWork
+
+
+@inline
+def decision_shapes(task, law):
+    """Shapes of the :class:`DecisionWork` of a :class:`task_model.TaskModel` under a :class:`closed_loop.Law`."""
+    group, n_p = group_shapes(task), len(law.allocation)
+    decision = Decision((n_p, N_TIP), (n_p, N_TIP), (1,), (1,), (1,), (len(REWARDS),), (n_p,))
+    return DecisionWork(group.period, group.group, decision, mic_shapes(law.prior))
+
+
+def damping_memory(task: TaskModel, law: Law, n: int) -> Memory:
+    """Allocate the memory of :func:`step_damping` for ``n`` environments."""
+    return make_memory(decision_shapes(task, law), n)
+
+
+def make_damping(law: Law, n: int) -> Damping:
+    """Allocate ``n`` loops of one law."""
+    n_p = len(law.allocation)
+    return Damping(
+        B_hat=np.zeros((n, n_p, N_TIP)), factor=np.ones((n, n_p, N_TIP)), features=np.zeros((n, n_p * N_FEATURES)),
+        reward=np.zeros((n, n_p)), end=np.zeros(n, dtype=np.int64),
+    )  # fmt: skip
+
+
+def start_damping(law: Law, batch: Batch, damping: Damping, i: int, end: int) -> None:
+    """Put the law of environment ``i`` at its start, after ``start_episode``."""
+    damping.B_hat[i], damping.factor[i] = law.suppression.B0 * law.suppression.damped, 1.0
+    damping.reward[i], damping.end[i] = 0.0, end
+    see_one(law, batch.obs[i], damping.features[i])
+
+
+@kernel
+def see_one(law, obs, features):
+    """Write what a schedule sees in an observation; see :func:`schedule.write_features`."""
+    write_features(law, obs, features)
+
+
+def step_damping(
+    fleet: Fleet, batch: Batch, memory: Memory, law: Law, damping: Damping, actions: Array, active: np.ndarray
+) -> None:
+    """Hold one decision in each active environment for ``law.schedule.hold`` control periods, or to its end.
+
+    Reward, its terms and cost are sums over these periods; signals, commands and status are those of the last one.
+
+    Args:
+        fleet: the plants.
+        batch: the environments, advanced in place.
+        memory: of the kernels.
+        law: what runs inside.
+        damping: its state, advanced in place.
+        actions: (n, n_p n_d) decisions; what lies beyond [-1, 1] is clipped and counted.
+        active: (n,) False leaves an environment as it is.
+    """
+    arguments = (fleet, batch, law, damping, actions, active)
+    run_in_threads(damping_range, arguments, fleet, len(batch.tick), memory, SMALLEST_CHUNK)
+
+
+@kernel(nogil=True)
+def damping_range(fleet, batch, law, damping, actions, active, block, plain, first, last):
+    """Advance the active environments from ``first`` up to ``last`` by one decision.
+
+    block: memory of a group; its kind decides how many environments are advanced at once.
+    plain: memory of a single environment; the same block if that is what a group is.
+    """
+    task = plant_at(fleet, first)
+    work, one = workspace(block, decision_shapes(task, law)), workspace(plain, period_shapes(task))
+    group, decision, width = work.group, work.decision, columns(work.group.t).shape[1]
+    for i in range(first, last, width):
+        if len(fleet.numbers) > 1:
+            task = plant_at(fleet, i)
+        load(batch, i, group)
+        _begin_decision(law, batch, damping, actions, active, i, decision)
+        for _ in range(law.schedule.hold):
+            if not _any_running(decision):
+                break
+            for k in range(width):
+                if columns(decision.running)[0, k] > 0.0:
+                    begin(task, batch, i + k, group, k)
+            control(law, group.obs, decision.B_hat, decision.factor, work.mic, group.command)
+            for k in range(len(group.command)):
+                group.command[k] = group.command[k] / law.scale[k]
+            command_of(group.command, task.scale, group.command)
+            advance_group(task, group, work.period)
+            _add(task, group, work.period, decision)
+            for k in range(width):
+                if columns(decision.running)[0, k] > 0.0:
+                    sense_lane(task, batch, i + k, group, work.period, k, one)
+                    if columns(group.status)[0, k] != RUNNING or batch.tick[i + k] >= damping.end[i + k]:
+                        columns(decision.running)[0, k] = 0.0
+                        _end_decision(law, batch, damping, i + k, group, work.period, decision, k)
+        for k in range(width):
+            if columns(decision.running)[0, k] > 0.0:
+                _end_decision(law, batch, damping, i + k, group, work.period, decision, k)
+
+
+@kernel(inline=True)
+def _any_running(decision):
+    """Whether the episode goes on in any lane."""
+    running = columns(decision.running)
+    for k in range(running.shape[1]):
+        if running[0, k] > 0.0:
+            return True
+    return False
+
+
+@kernel(inline=True)
+def _begin_decision(law, batch, damping, actions, active, i, decision):
+    """Take what the decisions of the environments from ``i`` on set, and nothing summed yet."""
+    running = columns(decision.running)
+    for k in range(running.shape[1]):
+        goes_on = active[i + k] and batch.tick[i + k] < damping.end[i + k]
+        running[0, k] = 1.0 if goes_on else 0.0
+        if active[i + k]:
+            batch.clipped[i + k] = clipped(actions[i + k])
+            apply_decision(law, batch.obs[i + k], actions[i + k], damping.factor[i + k])
+    for panel in range(len(decision.factor)):
+        gather(damping.factor[:, panel], i, decision.factor[panel])
+        gather(damping.B_hat[:, panel], i, decision.B_hat[panel])
+    decision.reward[0] = decision.cost[0] = 0.0
+    decision.terms[:] = 0.0
+    decision.panels[:] = 0.0
+
+
+@kernel(inline=True)
+def _add(task, group, period, decision):
+    """Add what a control period gave to the sums, where the episode still runs."""
+    runs, weights = decision.running[0] > 0.0, task.weights
+    decision.reward[0] += where(runs, group.reward[0], 0.0)
+    decision.cost[0] += where(runs, group.cost[0], 0.0)
+    for k in range(len(group.terms)):
+        decision.terms[k] += where(runs, group.terms[k], 0.0)
+    n_c = task.actuators.gain.shape[1]
+    for k in range(len(period.energy)):
+        price = weights.vibration * period.energy[k]
+        for c in range(k * n_c, (k + 1) * n_c):
+            price += weights.effort * period.applied[c] * period.applied[c]
+        decision.panels[k] -= where(runs, task.period * price, 0.0)
+
+
+@kernel(inline=True)
+def _end_decision(law, batch, damping, i, group, period, decision, lane):
+    """Bring a lane back as environment ``i`` with the sums of its decision, and the features of the next one."""
+    store(batch, i, group, period, lane)
+    batch.reward[i], batch.cost[i] = columns(decision.reward)[0, lane], columns(decision.cost)[0, lane]
+    take(decision.terms, lane, batch.terms[i])
+    take(decision.panels, lane, damping.reward[i])
+    for panel in range(len(decision.B_hat)):
+        take(decision.B_hat[panel], lane, damping.B_hat[i, panel])
+    write_features(law, batch.obs[i], damping.features[i])

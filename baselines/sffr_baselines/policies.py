@@ -1,0 +1,129 @@
+"""Policies by name: baselines, learned ones, and files. They act on the observation alone."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from sffr_baselines.laws import ORACLES, LawPolicy, OraclePolicy, make_law
+from sffr_baselines.learned import SUFFIX, load_schedule, policy_file, shipped_policies
+from sffr_baselines.stability import MARGIN, sampled_growth
+from sffr_gym.config.params import Params
+from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.config.suggestion import did_you_mean
+from sffr_gym.physics.actuators import pack_actuators
+from sffr_gym.physics.model import pack
+from sffr_gym.types import Array
+
+POLICIES = {  # every name, with what it is
+    "none": "piezos off, multiple impedance control alone",
+    "random": "uniform actions",
+    "hsc": "hybrid suppression control: constant virtual damping",
+    "ahsc": "adaptive hybrid suppression control, the printed law (Y = e)",
+    "ahsc-filtered": "the same with the filtered output (Y = e_dot + psi e)",
+    "hsc-tuned": "HSC with the best constant damping that an optimiser found, see configs/policies",
+    "lqr": "not of the paper: optimal active feedback of the panels about their quasi-static shape",
+    "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
+    "ahsc-oracle": "AHSC told each episode's plant",
+} | dict.fromkeys(shipped_policies(), "learned: AHSC with a schedule of its damping, see docs/agents.md")
+
+
+class Policy(Protocol):
+    """Anything that turns observations into actions.
+
+    Attributes:
+        name: what tables call it.
+    """
+
+    name: str
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the last episode; ``seed`` fixes what the policy itself draws."""
+
+    def __call__(self, obs: Array) -> Array:
+        """Return the actions (n_u,) for an observation (n_o,), or (n, n_u) for (n, n_o) of as many environments."""
+
+
+class RandomPolicy:
+    """Uniform actions over the whole range.
+
+    Args:
+        n_actions: length of an action.
+    """
+
+    name = "random"
+
+    def __init__(self, n_actions: int) -> None:
+        self._n_actions = n_actions
+        self._rng = np.random.default_rng()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Start a new stream of random numbers."""
+        self._rng = np.random.default_rng(seed)
+
+    def __call__(self, obs: Array) -> Array:
+        """Draw actions; see :class:`Policy`."""
+        return self._rng.uniform(-1.0, 1.0, (*np.shape(obs)[:-1], self._n_actions))
+
+
+def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
+    """Build a policy for ``SFFRFlex-v0``.
+
+    Args:
+        name: a key of :data:`POLICIES`, or the path of a learned policy's ``.npz`` file.
+        env: environment, single or vector, or ``Params``: what the controller believes of the robot.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest one), or a file that is no policy for this robot.
+        OSError: for a file that cannot be read.
+
+    Warns:
+        UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.
+    """
+    name = os.fspath(name)
+    prior: Params = env if isinstance(env, Params) else env.unwrapped.params
+    if policy_file(name) is not None:
+        return load_schedule(name).policy(prior, policy_title(name))
+    if name not in POLICIES:
+        known = f"{', '.join(POLICIES)}, or an {SUFFIX} file"
+        raise ConfigError(f"unknown policy {name!r}{did_you_mean(name, POLICIES)} (known: {known})")
+    if name == "random":
+        return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
+    policy = OraclePolicy(name, prior) if name in ORACLES.values() else LawPolicy(name, make_law(name, prior))
+    _warn_if_unstable(policy)
+    return policy
+
+
+def policy_title(name: str) -> str:
+    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``."""
+    return "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
+
+
+def check_titles(names: Sequence[str]) -> None:
+    """Make sure that tables can tell the policies apart; raises ConfigError."""
+    titles = [policy_title(name) for name in names]
+    for name, title in zip(names, titles, strict=True):
+        if names.count(name) > 1:
+            raise ConfigError(f"policy {name!r} is given twice")
+        if titles.count(title) > 1:
+            raise ConfigError(f"two policies would be called {title!r}: rename one file or its folder")
+
+
+def _warn_if_unstable(policy: LawPolicy) -> None:
+    """Say so if the virtual damping, held over each control period, is unstable on the panels of the prior."""
+    prior, law = policy.law.prior, policy.law.suppression
+    if not (law.damped.any() and len(policy.law.allocation)):
+        return
+    growth = float(sampled_growth(prior, law.B0, law.damped, law.period))
+    if growth > 1.0 + MARGIN:
+        warnings.warn(
+            f"{policy.name} is unstable: held for {law.period:g} s, the virtual damping suppression.B0 = "
+            f"{law.B0.tolist()} lets a clamped panel's vibration grow {growth:.3g} times each period; shorten "
+            "control.period, lower suppression.B0, or leave out fast modes with panel.bending_cut and panel.axial_cut",
+            stacklevel=3,
+        )

@@ -1,0 +1,153 @@
+"""Episodes: a policy in an environment from start to end, with everything that measures and pictures need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
+from sffr_baselines.laws import LawPolicy, OraclePolicy
+from sffr_baselines.policies import Policy
+from sffr_gym.compile.workspace import allocate, new_workspace
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.kinematics import tip_deflections
+from sffr_gym.task.control_period import observe_state, period_shapes
+from sffr_gym.task.episode import Episode
+from sffr_gym.task.metrics import measure
+from sffr_gym.task.observation import Field
+from sffr_gym.task.reference import Reference
+from sffr_gym.task.score import Result
+from sffr_gym.task.signals import N_SIGNALS, SIGNALS
+from sffr_gym.task.status import REASONS, RUNNING
+from sffr_gym.task.task_model import make_task_model
+from sffr_gym.types import Array
+
+STRIDE = 25  # control periods between recorded states: 50 ms at the default period
+PIECE = 2000  # control periods between two reports of progress
+
+Progress = Callable[[int], Any]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One episode."""
+
+    policy: str  #: names
+    scenario: str
+    seed: int  #: of the episode
+    period: float  #: control period [s]
+    signals: Array  #: (n_ticks, N_SIGNALS) see ``control_period.SIGNALS``
+    tips: Array  #: (n_ticks, n_p) each panel's transverse tip displacement at the periods' ends [m]
+    t: Array  #: (rows,) times of the recorded states [s]
+    p: Array  #: (rows, ...) see :class:`closed_loop.Record`
+    v: Array  #: (rows, ...)
+    obs: Array  #: (rows, ...)
+    applied: Array  #: (rows, ...)
+    B_hat: Array  #: (rows, ...)
+    q_flex: Array  #: (rows, ...)
+    lam: Array  #: (rows, ...)
+    episode: Episode  #: what the scenario drew: plant, reference and all the rest
+    fields: dict[str, Field]  #: layout of the observation
+    failure: str  #: why it ended early; empty if it did not
+
+    @property
+    def reference(self) -> Reference:
+        """Return the desired motion."""
+        return self.episode.reference
+
+    @property
+    def drawn(self) -> dict[str, float]:
+        """Return the values that the scenario drew."""
+        return self.episode.drawn
+
+
+def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None) -> Trajectory:
+    """Run one episode: in the compiled loop if the policy is one of the paper's laws, else through the interface.
+
+    Args:
+        env: the bare environment.
+        policy: any policy.
+        seed: of the episode; the same seed gives the same episode to every policy.
+        progress: called with the number of control periods done since its last call.
+    """
+    obs, _ = env.reset(seed=seed)
+    policy.reset(seed=seed)
+    if isinstance(policy, OraclePolicy):
+        policy.set_plant(env.plant)
+    ticks = env.ticks
+    record = make_record(env.plant_task, ticks, STRIDE)
+    report = progress or (lambda _: None)
+    if isinstance(policy, LawPolicy):
+        done, failure = _run_compiled(env, policy, obs, ticks, record, report)
+    else:
+        done, failure = _run_stepwise(env, policy, obs, ticks, record, report)
+    rows = (done - 1) // STRIDE + 1
+    kept = {name: getattr(record, name)[:rows] for name in Record._fields[3:]}
+    return Trajectory(
+        policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.plant_task.period,
+        signals=record.signals[:done], tips=record.tips[:done],
+        t=np.linspace(0.0, (rows - 1) * STRIDE * env.plant_task.period, rows), **kept,
+        episode=env.episode, fields=env.fields, failure=failure,
+    )  # fmt: skip
+
+
+def true_observations(trajectory: Trajectory) -> Array:
+    """What a policy would have seen at the recorded times (rows, n_o) without noise and delay."""
+    plant = make_task_model(trajectory.episode.plant)
+    work, signals, obs = new_workspace(period_shapes(plant)), np.zeros(N_SIGNALS), np.zeros_like(trajectory.obs)
+    for row, t in enumerate(trajectory.t):
+        observe_state(plant, trajectory.reference, t, trajectory.p[row], trajectory.v[row], work, obs[row], signals)
+    return obs
+
+
+def result_of(trajectory: Trajectory) -> Result:
+    """Measure an episode."""
+    measures = measure(trajectory.signals, trajectory.period, trajectory.failure)
+    return Result(
+        trajectory.scenario, trajectory.policy, trajectory.seed, measures, trajectory.failure, trajectory.drawn
+    )
+
+
+def _run_compiled(
+    env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
+) -> tuple[int, str]:
+    """Run the compiled closed loop, in pieces so that progress can be shown."""
+    p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
+    factor = np.ones_like(B_hat)
+    block = allocate(loop_shapes(env.plant_task, policy.law))[0]
+    done, outcome = 0, RUNNING
+    while done < ticks and outcome == RUNNING:
+        end = min(done + PIECE, ticks)
+        reached, outcome = run(
+            env.plant_task, episode.reference, episode.sensing, episode.impulses, policy.law, block, done, end, p, v,
+            obs, B_hat, factor, record,
+        )  # fmt: skip
+        progress(reached - done)
+        done = reached
+    return done, REASONS[outcome]
+
+
+def _run_stepwise(
+    env: SFFRFlexEnv, policy: Policy, obs: Array, ticks: int, record: Record, progress: Progress
+) -> tuple[int, str]:
+    """Step through the Gymnasium interface, for any policy."""
+    for tick in range(ticks):
+        row, keep = tick // STRIDE, tick % STRIDE == 0
+        if keep:
+            record.p[row], record.v[row], record.obs[row] = env.positions, env.velocities, obs
+            record.B_hat[row] = np.nan  # not a law with a virtual damping
+        obs, _, terminated, _, info = env.step(policy(obs))
+        record.signals[tick] = [info[name] for name in SIGNALS]
+        record.tips[tick] = tip_deflections(env.plant_task.model, env.positions[None])[0]
+        if keep:
+            record.applied[row] = info["applied"]
+            record.q_flex[row] = np.nan
+            record.lam[row] = np.nan
+        if (tick + 1) % PIECE == 0:
+            progress(PIECE)
+        if terminated:
+            return tick + 1, info["failure"]
+    return ticks, ""

@@ -1,0 +1,199 @@
+"""Schedules of the virtual damping: every few control periods a network sees the panels and chooses a factor of it.
+
+``B = B_hat rho**a`` with one number ``a`` in [-1, 1] for each damped coordinate of each panel: whatever the network
+says, B is not negative and takes energy out of a panel. A schedule may yield to the law while the base is off its path.
+What it sees is made of the observation and of what the controller believes, in each panel's own axes, so that one
+network can serve all panels.
+"""
+
+from __future__ import annotations
+
+from math import hypot, inf, log10, sqrt, tanh
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_baselines.regulator import root_acceleration
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.linalg import length
+from sffr_gym.config.params import Params
+from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
+from sffr_gym.types import Array, IntArray
+
+N_MODES = 2  # bending modes of the law's panel of one element
+# What is seen of each panel: name, largest magnitude. Modes are coordinates of energy [J^(1/2)] about the quasi-static
+# shape, divided by the root of the panel's energy; the acceleration is that of the path across the panel. One that is
+# pushed to its other side is a mirror image and seen as such, so that the acceleration is never negative.
+FEATURES = (
+    ("mode1_displacement", 1.0),
+    ("mode1_rate", 1.0),
+    ("mode2_displacement", 1.0),
+    ("mode2_rate", 1.0),
+    ("log_amplitude", 3.0),
+    ("acceleration", 5.0),
+    ("acceleration_rate", 5.0),
+)
+N_FEATURES = len(FEATURES)
+BOUNDS = np.array([bound for _, bound in FEATURES])
+LOG_AMPLITUDE, ACCELERATION, ACCELERATION_RATE = range(2 * N_MODES, N_FEATURES)  # places of the features
+FAINT = 1.0e-6  # of the energy scale: motion below it has no direction
+SETTLING = 0.5  # s, a rate of the base's error counts as the error that it makes in this time
+
+
+class Schedule(NamedTuple):
+    """What a schedule sees, and the network that decides.
+
+    Attributes:
+        hold: control periods from one decision to the next; 0 for no schedule.
+        rho: largest factor of the virtual damping; 1 / rho is the smallest.
+        tolerance: error of the base [m] at which a decision counts half; infinite if it always counts in full.
+        lever: distance [m] at which a turn of the base moves a panel's middle.
+        modes: (2, 2) amplitudes of the bending modes for tip displacement and slope [kg^(1/2), kg^(1/2) m].
+        omega: (2,) their frequencies [rad/s].
+        energy: [J], acceleration: [m/s2], acceleration_rate: [m/s3] at which features have the size 1 (or 0, as logs).
+        bounds: (N_FEATURES,) largest magnitudes.
+        sizes: (layers + 1,) widths from the input to the output; an input for one panel serves each panel by itself.
+        weights: matrix (row by row) and bias of each layer, one after the other.
+        relu: hidden layers are rectified, else tanh; squash: the output goes through tanh, else it is clipped.
+    """
+
+    hold: int
+    rho: float
+    tolerance: float
+    lever: float
+    modes: Array
+    omega: Array
+    energy: float
+    acceleration: float
+    acceleration_rate: float
+    bounds: Array
+    sizes: IntArray
+    weights: Array
+    relu: bool
+    squash: bool
+
+
+class ScheduleWork(NamedTuple):
+    """Memory of a decision."""
+
+    features: Array  #: (n_p N_FEATURES,) of all panels
+    hidden: Array  #: (2, width) two layers in turn
+    decision: Array  #: (n_p 3,) outputs
+
+
+def make_schedule(prior: Params) -> Schedule:
+    """Return a schedule that never decides, with all that its features take from what the controller believes."""
+    panel, path = prior.panel, prior.path
+    element = one_element_beam(panel)
+    modes = clamped_modes(element, axial_cut=np.inf, bending_cut=np.inf)
+    bending = slice(modes.n_axial, None)
+    return Schedule(
+        hold=0,
+        rho=1.0,
+        tolerance=inf,
+        lever=max((hypot(*mount.root) for mount in panel.mounts), default=0.0) + 0.5 * panel.length,
+        modes=np.ascontiguousarray((modes.shapes.T @ element.M_ff)[bending, 1:]),
+        omega=modes.omega[bending].copy(),
+        energy=prior.reward.vibration.scale,
+        acceleration=path.speed**2 / path.radius,
+        acceleration_rate=path.speed**3 / path.radius**2,
+        bounds=BOUNDS.copy(),
+        sizes=np.zeros(2, dtype=np.int64),
+        weights=np.zeros(0),
+        relu=False,
+        squash=False,
+    )
+
+
+@inline
+def schedule_shapes(law):
+    """Shapes of the :class:`ScheduleWork` of a :class:`closed_loop.Law`."""
+    n_p, width = len(law.allocation), 1
+    for k in range(len(law.schedule.sizes)):
+        width = max(width, law.schedule.sizes[k])
+    return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * N_TIP,))
+
+
+@kernel(inline=True)
+def write_features(law, obs, features):
+    """Write the features (n_p N_FEATURES,) of an observation, panel by panel in the order of ``FEATURES``.
+
+    law: :class:`closed_loop.Law`; obs: (n_o,).
+    """
+    schedule, n_p = law.schedule, len(law.allocation)
+    for i in range(n_p):
+        own, energy = features[i * N_FEATURES : (i + 1) * N_FEATURES], 0.0
+        q, qd = law.at.elastic + N_TIP * i, law.at.elastic_rate + N_TIP * i
+        push, push_rate = root_acceleration(law.regulator, law.at, obs, i)
+        side = -1.0 if push < 0.0 else 1.0
+        for m in range(N_MODES):
+            x = xd = 0.0
+            for j in range(1, N_TIP):
+                x += schedule.modes[m, j - 1] * (obs[q + j] - law.regulator.shape[j] * push)
+                xd += schedule.modes[m, j - 1] * (obs[qd + j] - law.regulator.shape[j] * push_rate)
+            x *= schedule.omega[m]
+            energy += 0.5 * (x * x + xd * xd)
+            own[2 * m], own[2 * m + 1] = x, xd
+        size = sqrt(2.0 * (energy + FAINT * schedule.energy))
+        for k in range(2 * N_MODES):
+            own[k] *= side / size
+        own[LOG_AMPLITUDE] = 0.5 * log10(energy / schedule.energy + FAINT)
+        own[ACCELERATION] = side * push / schedule.acceleration
+        own[ACCELERATION_RATE] = side * push_rate / schedule.acceleration_rate
+        for k in range(N_FEATURES):
+            own[k] = min(max(own[k], -schedule.bounds[k]), schedule.bounds[k])
+
+
+@kernel(inline=True)
+def apply_decision(law, obs, decision, factor):
+    """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate.
+
+    The weight ``w`` is 1 on the path, and falls to 0 with the error of the base over the schedule's tolerance: while
+    the base is thrown about, the panels are driven and not in the free vibration that a schedule knows.
+    """
+    schedule, at = law.schedule, law.at
+    e, ed = at.base_error, at.base_error_rate
+    shift = length(obs[e], obs[e + 1]) + schedule.lever * abs(obs[at.yaw_error])
+    drift = length(obs[ed], obs[ed + 1]) + schedule.lever * abs(obs[at.yaw_error_rate])
+    error = (shift + SETTLING * drift) / schedule.tolerance
+    weight = 1.0 / (1.0 + error * error)
+    count = 0
+    for i in range(len(law.allocation)):
+        for k in range(N_TIP):
+            factor[i, k] = 1.0
+            if law.suppression.damped[k] > 0.0:
+                factor[i, k] = schedule.rho ** (weight * min(max(decision[count], -1.0), 1.0))
+                count += 1
+
+
+@kernel
+def update_schedule(law, obs, work, factor):
+    """Let the network choose the factors (n_p, 3) of the virtual damping for an observation.
+
+    Not inlined, since it is called seldom, and its code would slow down the loop around it.
+    """
+    schedule = law.schedule
+    write_features(law, obs, work.features)
+    n_in, n_out = schedule.sizes[0], schedule.sizes[-1]
+    for block in range(len(work.features) // n_in):
+        seen = work.features[block * n_in : (block + 1) * n_in]
+        _propagate(schedule, seen, work.hidden, work.decision[block * n_out : (block + 1) * n_out])
+    apply_decision(law, obs, work.decision, factor)
+
+
+@kernel(inline=True)
+def _propagate(schedule, seen, hidden, decision):
+    """Write the network's output."""
+    sizes, weights = schedule.sizes, schedule.weights
+    last, at = len(sizes) - 2, 0
+    for layer in range(last + 1):
+        n_in, n_out = sizes[layer], sizes[layer + 1]
+        for row in range(n_out):
+            value = weights[at + n_out * n_in + row]
+            for k in range(n_in):
+                value += weights[at + row * n_in + k] * (seen[k] if layer == 0 else hidden[(layer - 1) % 2, k])
+            if layer < last:
+                hidden[layer % 2, row] = max(value, 0.0) if schedule.relu else tanh(value)
+            else:
+                decision[row] = tanh(value) if schedule.squash else min(max(value, -1.0), 1.0)
+        at += n_out * (n_in + 1)

@@ -1,0 +1,150 @@
+"""Parameters of the robot, its task and its controllers: the root of the models and how it is loaded and changed.
+
+The sections are those of ``configs/sffr.yaml``; ``sections.py`` has their models.
+"""
+
+import os
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import InitErrorDetails
+
+from sffr_gym.config.files import short_hash
+from sffr_gym.config.sections import (
+    EACH,
+    Actuators,
+    Arm,
+    Base,
+    Control,
+    Initial,
+    Limits,
+    Object,
+    Panel,
+    Path,
+    Reward,
+    Section,
+    Simulation,
+    Suppression,
+    error_at,
+    raise_errors,
+    tip_form,
+)
+from sffr_gym.config.strict_yaml import (
+    SHIPPED,
+    ConfigError,
+    apply_overrides,
+    build,
+    config_dir,
+    find_config,
+    merge,
+    read_mapping,
+)
+
+__all__ = ["ConfigError", "Params", "load_params"]
+
+
+class Params(Section):
+    """Everything that describes a robot, its task and its controllers; immutable and hashable."""
+
+    base: Base = Field(description="rigid base")
+    arms: tuple[Arm, ...] = Field(description="arms, in the order of the joints in q")
+    panel: Panel = Field(description="flexible panels")
+    object: Object | None = Field(description="carried object, or null for a free-flying robot")
+    actuators: Actuators = Field(description="actuator limits")
+    initial: Initial = Field(description="initial state")
+    path: Path = Field(description="desired motion")
+    control: Control = Field(description="task-space control")
+    suppression: Suppression = Field(description="vibration suppression")
+    simulation: Simulation = Field(description="numerical settings")
+    limits: Limits = Field(description="ends of an episode and ranges of the observation")
+    reward: Reward = Field(description="terms of the reward")
+
+    @property
+    def n_links(self) -> int:
+        """Number of links, and of joints, of all the arms."""
+        return sum(len(arm.links) for arm in self.arms)
+
+    @property
+    def n_panels(self) -> int:
+        """Number of panels."""
+        return len(self.panel.mounts)
+
+    def with_overrides(self, *assignments: str) -> Self:
+        """Return a new object with assignments such as "panel.EI=25" made in turn, then validated together.
+
+        A number in a key is a position in a list: "arms.0.links.1.mass=3.3". Values are YAML, "initial.qf=[0, 0.1, 0]"
+        or "object=null". As in a file, a mapping changes the keys that it holds and a list replaces the old one.
+
+        Raises:
+            ConfigError: if an assignment is malformed, names an unknown key or leads to an invalid value.
+        """
+        return build(type(self), *apply_overrides(self.to_dict(), assignments))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain mappings, lists, texts and numbers, as in the file."""
+        return self.model_dump(mode="json")
+
+    def hash(self) -> str:
+        """Return the :func:`short_hash` of the values."""
+        return short_hash(self.to_dict())
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        raise_errors([*self._name_errors(), *self._grasp_errors(), *self._initial_errors()])
+        return self
+
+    def _name_errors(self) -> list[InitErrorDetails]:
+        errors = []
+        for key, owners in (("arms",), self.arms), (("panel", "mounts"), self.panel.mounts):
+            names = [owner.name for owner in owners]
+            for i, name in enumerate(names):
+                if name in names[:i]:
+                    errors.append(error_at((*key, i, "name"), name, "must be unique; an earlier entry has this name"))
+        return errors
+
+    def _grasp_errors(self) -> list[InitErrorDetails]:
+        links = {arm.name: len(arm.links) for arm in self.arms}
+        grasps = self.object.grasps if self.object else ()
+        errors = []
+        for i, grasp in enumerate(grasps):
+            if grasp.arm not in links:
+                reason = f"must be the name of an arm ({', '.join(links) or 'there is none'})"
+            elif links[grasp.arm] < 2:
+                reason = "must be an arm of at least 2 links"
+            elif grasp.arm in [earlier.arm for earlier in grasps[:i]]:
+                reason = "must be another arm than that of an earlier grasp"
+            else:
+                continue
+            errors.append(error_at(("object", "grasps", i, "arm"), grasp.arm, reason))
+        return errors
+
+    def _initial_errors(self) -> list[InitErrorDetails]:
+        errors = []
+        for name, value in ("q", self.initial.q), ("qd", self.initial.qd):
+            if len(value) != 3 + self.n_links:
+                reason = f"must have {3 + self.n_links} entries, 3 of the base and {self.n_links} of the joints"
+                errors.append(error_at(("initial", name), value, f"{reason}, has {len(value)}"))
+        for name, tips in ("qf", self.initial.qf), ("qfd", self.initial.qfd):
+            if tip_form(tips) == EACH and len(tips) != self.n_panels:
+                reason = f"must have 3 numbers for all the panels or {self.n_panels} lists of 3, one for each"
+                errors.append(error_at(("initial", name), tips, f"{reason}; has {len(tips)} lists"))
+        return errors
+
+
+def load_params(path: str | os.PathLike[str] | None = None) -> Params:
+    """Return the parameters of the shipped case study, changed by the keys of a file.
+
+    Args:
+        path: a YAML file, or the name of a shipped one such as "sffr"; None stands for the case study as it is. The
+            file need hold only what differs from the shipped ``sffr.yaml``: its mappings are laid over the shipped
+            ones key by key, at every depth, and its lists (such as ``arms``) replace the shipped ones whole.
+
+    Raises:
+        ConfigError: if a file cannot be read or anything in it is unknown, missing or out of range; the message names
+            the file, the key, the value and what is allowed, one line for each error.
+    """
+    data, where = read_mapping(config_dir() / SHIPPED)
+    if path is not None:
+        changes, where = read_mapping(find_config(path))
+        data = merge(data, changes)
+    return build(Params, data, where)

@@ -1,0 +1,300 @@
+"""Strict YAML: files and dotted overrides become validated models, or an error that says where and what is allowed.
+
+Knows nothing of the robot: ``sections.py`` and ``params.py`` have its models, other packages their own.
+"""
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
+
+from sffr_gym.config.suggestion import did_you_mean
+
+Key = tuple[Any, ...]  # path from the root: names of keys, positions in lists
+Where = Callable[[Key], str]  # the source of the value at a key: a file and its line, or an override
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+SHIPPED = "sffr.yaml"
+TAG = "form: "  # start of the tags of pydantic unions, which are no part of a key
+CHECK = "check"  # type of the errors that the models' own checks find; their message is complete
+# Beside its own errors, PyYAML lets through what Python raises on values such as "!!bool maybe".
+_UNREADABLE = (yaml.YAMLError, ValueError, KeyError, AttributeError, RecursionError)
+_REASONS = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be a text",
+    "string_too_short": "must not be empty",
+    "tuple_type": "must be a list",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+    "finite_number": "must be finite",
+    "literal_error": "must be {expected}",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "too_short": "must have at least {min_length} entry",
+    "too_long": "must have {max_length} entries, has {actual_length}",
+}
+
+
+class ConfigError(ValueError):
+    """An error in a file or an override; the message names place, key, value and what is allowed."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that reads numbers and words as YAML 1.2 does and rejects a key given twice.
+
+    PyYAML follows YAML 1.1, in which ``3e-4`` is a text, ``010`` is eight, ``1:30`` is ninety and ``off`` is false.
+    """
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Compose a mapping and raise if two of its keys are the same."""
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in seen:
+                    raise yaml.MarkedYAMLError(problem=f"key '{key.value}' is given twice", problem_mark=key.start_mark)
+                seen.add((key.tag, key.value))
+        return node
+
+
+for _tag, _pattern, _first in (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("merge", r"<<", "<"),
+    ("int", r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+.0123456789",
+    ),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), list(_first))
+
+
+def config_dir() -> Path:
+    """Return the folder of the shipped files: inside an installed package, or beside the package in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "configs"
+    return inside if inside.is_dir() else package.parent / "configs"
+
+
+def find_config(path: str | os.PathLike[str], folder: str = "") -> Path:
+    """Return the file at ``path``, or else the shipped file of that name in ``folder``, with or without its suffix.
+
+    A name may lead into a folder below: ``practice/mixed`` in ``scenarios``.
+
+    Raises:
+        ConfigError: if there is neither.
+    """
+    file, shipped_files = Path(path), config_dir() / folder
+    if file.is_file():
+        return file
+    if not file.is_absolute() and ".." not in file.parts:
+        for name in (file, Path(f"{file}.yaml")):
+            if (shipped_files / name).is_file():
+                return shipped_files / name
+    files = shipped_files.glob("**/*.yaml" if folder else "*.yaml")
+    shipped = sorted(each.relative_to(shipped_files).with_suffix("").as_posix() for each in files)
+    raise ConfigError(f"{path}: no such file{did_you_mean(file.stem, shipped)} (shipped: {', '.join(shipped)})")
+
+
+def read_mapping(file: Path) -> tuple[dict[str, Any], Where]:
+    """Return the mapping in a YAML file and a function that names the file and line of a key.
+
+    Raises:
+        ConfigError: if the file cannot be read, is no valid YAML, gives a key twice or holds no mapping.
+    """
+    try:
+        value, lines = _parse(file.read_text(encoding="utf-8"))
+    except (OSError, *_UNREADABLE) as error:
+        mark = getattr(error, "problem_mark", None)
+        raise ConfigError(f"{file}{f':{mark.line + 1}' if mark else ''}: {_unreadable(error)}") from None
+    if not isinstance(value, dict):
+        raise ConfigError(f"{file}: must hold a mapping of keys to values, has {_show(value)}")
+
+    def where(key: Key) -> str:
+        known = [key[:n] for n in range(len(key), 0, -1) if key[:n] in lines]
+        return f"{file}:{lines[known[0]]}" if known else str(file)
+
+    return value, where
+
+
+def merge(old: Any, new: Any) -> Any:
+    """Return ``old`` with the keys of ``new`` put over it: mappings recursively, everything else whole."""
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return new
+    return old | {key: merge(old.get(key), value) for key, value in new.items()}
+
+
+def apply_overrides(data: dict[str, Any], assignments: Sequence[str]) -> tuple[dict[str, Any], Where]:
+    """Return ``data`` with assignments such as "panel.EI=25" made in turn, and a function that names a key's.
+
+    Raises:
+        ConfigError: if an assignment is not of that form, or its key leads to a place that is not there.
+    """
+    keys: dict[str, Key] = {}
+    for assignment in assignments:
+        source = f"override '{assignment}'"
+        dotted, equals, text = assignment.partition("=")
+        names = dotted.strip().split(".")
+        if not equals or not all(names):
+            raise ConfigError(f"{source}: must be key=value, such as panel.EI=25")
+        try:
+            value, _ = _parse(text)
+        except _UNREADABLE as error:
+            raise ConfigError(f"{source}: {_unreadable(error)}") from None
+        keys[source], data = _assign(data, names, value, source)
+
+    def where(key: Key) -> str:
+        related = [source for source, own in keys.items() if own[: len(key)] == key[: len(own)]]
+        return related[-1] if related else ", ".join(keys)
+
+    return data, where
+
+
+def build(model: type[ModelT], data: dict[str, Any], where: Where) -> ModelT:
+    """Return the model with these data.
+
+    Raises:
+        ConfigError: if anything is unknown, missing or not allowed; one line for each error.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as invalid:
+        messages = {}
+        for error in invalid.errors(include_url=False):
+            key = tuple(part for part in error["loc"] if not str(part).startswith(TAG))
+            short = error["type"] == "missing" and isinstance(key[-1], int)  # the last one tells the length
+            messages[(key[:-1], "length") if short else (key, error["type"])] = _explain(model, key, error, where)
+        raise ConfigError("\n".join(messages.values())) from None
+
+
+def load(model: type[ModelT], path: str | os.PathLike[str], folder: str) -> ModelT:
+    """Return the model with the data of a user's file, or of the shipped one of that name in a folder.
+
+    Raises:
+        ConfigError: if there is no such file, or its content is not valid.
+    """
+    return build(model, *read_mapping(find_config(path, folder)))
+
+
+def check_error(reason: str) -> PydanticCustomError:
+    """Return what a model's own check raises, for a message that says what a value must be."""
+    return PydanticCustomError(CHECK, "{reason}", {"reason": reason})
+
+
+def _parse(text: str) -> tuple[Any, dict[Key, int]]:
+    """Return the value of a YAML text and the line of each key."""
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        lines = dict(_lines(node, ()))  # before the construction, which moves merged keys about
+        return (None if node is None else loader.construct_document(node)), lines
+    finally:
+        loader.dispose()
+
+
+def _lines(node: yaml.Node | None, key: Key) -> Iterator[tuple[Key, int]]:
+    children: list[tuple[Any, yaml.Node, yaml.Node]] = []
+    if isinstance(node, yaml.MappingNode):
+        children = [(name.value, name, value) for name, value in node.value if isinstance(name, yaml.ScalarNode)]
+    elif isinstance(node, yaml.SequenceNode):
+        children = [(index, value, value) for index, value in enumerate(node.value)]
+    for part, mark, value in children:
+        yield (*key, part), mark.start_mark.line + 1
+        yield from _lines(value, (*key, part))
+
+
+def _assign(data: Any, names: Sequence[str], value: Any, source: str, done: Key = ()) -> tuple[Key, Any]:
+    """Return the key that ``names`` spell in ``data``, and a copy of ``data`` with the value merged in there."""
+    if not names:
+        return done, merge(data, value)
+    name, here = names[0], ".".join(map(str, done))
+    if isinstance(data, list):
+        if not (name.isdecimal() and int(name) < len(data)):
+            raise ConfigError(f"{source}: {here}.{name}: no such entry; '{here}' has {len(data)}, counted from 0")
+        key, child = _assign(data[int(name)], names[1:], value, source, (*done, int(name)))
+        return key, [*data[: int(name)], child, *data[int(name) + 1 :]]
+    if not isinstance(data, dict):
+        raise ConfigError(f"{source}: {here}.{name}: there are no keys in '{here}', which is {_show(data)}")
+    # An unknown key is put in all the same: the validation reports it with its nearest valid name.
+    key, child = _assign(data.get(name, None if len(names) == 1 else {}), names[1:], value, source, (*done, name))
+    return key, data | {name: child}
+
+
+def _explain(model: type[BaseModel], key: Key, error: Any, where: Where) -> str:
+    """Return the line for one error that pydantic found: place, key, value, what is allowed."""
+    kind, dotted = error["type"], ".".join(map(str, key))
+    section, field = _resolve(model, key)
+    about = f" ({field.description})" if field and field.description else ""
+    if kind == "extra_forbidden":
+        known = list(section.model_fields) if section else []
+        elsewhere = [path for path in _dotted_names(model) if path.rpartition(".")[2].lower() == str(key[-1]).lower()]
+        hint = did_you_mean(str(key[-1]), known) or (f"; did you mean '{elsewhere[0]}'?" if len(elsewhere) == 1 else "")
+        return f"{where(key)}: {dotted}: unknown key{hint} (known: {', '.join(known)})"
+    if kind == "missing" and isinstance(key[-1], int):
+        key, dotted = key[:-1], ".".join(map(str, key[:-1]))
+        reason = f"must have {error['loc'][-1] + 1} entries, has {len(error['input'])}"
+    elif kind == "missing":
+        return f"{where(key)}: {dotted}: missing{about}"
+    elif kind == "invalid_key":
+        return f"{where(key)}: {dotted}: keys must be texts"
+    elif kind == CHECK:
+        reason, about = error["msg"], ""
+    else:
+        reason = _REASONS[kind].format(**error.get("ctx", {})) if kind in _REASONS else error["msg"]
+    return f"{where(key)}: {dotted} = {_show(error['input'])}: {reason}{about}"
+
+
+def _resolve(model: type[BaseModel], key: Key) -> tuple[type[BaseModel] | None, FieldInfo | None]:
+    """Return the model that the last name of a key belongs to, and its field there if it has one."""
+    section: type[BaseModel] | None = model
+    inner, field = section, None
+    for part in key:
+        if not isinstance(part, int):
+            section = inner
+            field = section.model_fields.get(part) if section else None
+            inner = _submodel(field.annotation) if field else None
+    return section, field
+
+
+def _submodel(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for found in map(_submodel, get_args(annotation)) if found), None)
+
+
+def _dotted_names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield prefix + name
+        inner = _submodel(field.annotation)
+        if inner:
+            yield from _dotted_names(inner, f"{prefix}{name}.")
+
+
+def _unreadable(error: Exception) -> str:
+    if isinstance(error, RecursionError):
+        return "cannot be read: something in it refers to itself or is nested too deeply"
+    if isinstance(error, OSError):
+        return f"cannot be read: {error.strerror}"
+    return f"cannot be read as YAML: {getattr(error, 'problem', None) or error}"
+
+
+def _show(value: Any) -> str:
+    text = "null" if value is None else str(value).lower() if isinstance(value, bool) else repr(_to_list(value))
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _to_list(value: Any) -> Any:
+    return [_to_list(entry) for entry in value] if isinstance(value, list | tuple) else value

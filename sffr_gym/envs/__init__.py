@@ -1,0 +1,1 @@
+"""The Gymnasium environments of ``SFFRFlex-v0``: single and vectorised."""

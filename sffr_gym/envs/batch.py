@@ -1,0 +1,313 @@
+"""Many environments as arrays, advanced by one compiled call: the core of the single and of the vector environment."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.lanes import WIDTH, columns, gather, put, take
+from sffr_gym.compile.workspace import allocate, workspace
+from sffr_gym.envs.fleet import Fleet, plant_at
+from sffr_gym.physics.actuators import command_of
+from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
+from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
+from sffr_gym.task.episode import Episode
+from sffr_gym.task.reference import flat_reference, reference_shapes
+from sffr_gym.task.reward import REWARDS, period_cost, reward_terms
+from sffr_gym.task.scenario import MOST_IMPULSES
+from sffr_gym.task.signals import N_SIGNALS
+from sffr_gym.task.status import NOT_FINITE
+from sffr_gym.task.task_model import TaskModel
+from sffr_gym.types import Array, IntArray
+
+THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+N_REFERENCE = 10  # numbers of a Reference beside its joints
+NEVER = -1  # control period of an impulse that does not come
+SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
+
+
+class Batch(NamedTuple):
+    """State and outputs of ``n`` environments; row i belongs to environment i alone."""
+
+    tick: IntArray  #: (n,) control periods since the start
+    p: Array  #: (n, n_q) positions and velocities
+    v: Array  #: (n, n_q)
+    reference: Array  #: (n, 10 + n_l) numbers of each :class:`Reference`, joint angles last
+    wrench: Array  #: (n, 3) force of the surroundings on the base, base axes
+    level: Array  #: (n, n_o), key, delay: (n,) of each :class:`disturbances.Sensing`
+    key: IntArray
+    delay: IntArray
+    impulse_tick: IntArray  #: (n, MOST_IMPULSES), impulse: (n, MOST_IMPULSES, 3) of each :class:`disturbances.Impulses`
+    impulse: Array
+    obs: Array  #: what the last period gave
+    reward: Array
+    terms: Array
+    signals: Array
+    cost: Array
+    applied: Array  #: (n, n_u) commands after the limits
+    clipped: IntArray  #: (n,) how many entries of the last action lay beyond [-1, 1]
+    status: IntArray  #: (n,) why an episode ended; see ``task.status``
+
+
+class Group(NamedTuple):
+    """Environments that a kernel advances at once: one, or one in each lane; see :class:`Batch`."""
+
+    p: Array
+    v: Array
+    reference: Array
+    wrench: Array
+    command: Array
+    t: Array  #: (1,) time at the end of the period [s]
+    obs: Array
+    signals: Array
+    terms: Array
+    reward: Array  #: (1,)
+    cost: Array  #: (1,)
+    status: Array  #: (1,)
+
+
+class GroupWork(NamedTuple):
+    """Memory of a group: the control period's first, so that those of one environment can share a block."""
+
+    period: PeriodWork
+    group: Group
+
+
+class Memory(NamedTuple):
+    """Memory of the kernels of a batch, a block for each thread; see :mod:`sffr_gym.compile.workspace`."""
+
+    plain: Array  #: (threads, size) for environments one by one
+    lanes: Array  #: (threads, size, WIDTH) for environments in lanes; of size 0 for a batch that fills none
+
+
+@inline
+def group_shapes(task):
+    """Shapes of the :class:`GroupWork` of a :class:`task_model.TaskModel`."""
+    n, n_o = task.model.at.end, len(task.bound)
+    group = Group(
+        p=(n,), v=(n,), reference=(N_REFERENCE + len(task.model.link_mass),), wrench=(3,), command=(len(task.scale),),
+        t=(1,), obs=(n_o,), signals=(N_SIGNALS,), terms=(len(REWARDS),), reward=(1,), cost=(1,), status=(1,),
+    )  # fmt: skip
+    return GroupWork(period_shapes(task), group)
+
+
+def make_batch(task: TaskModel, n: int) -> Batch:
+    """Allocate ``n`` environments of one robot."""
+    size, n_u, n_o = task.model.at.end, len(task.scale), len(task.bound)
+    return Batch(
+        tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
+        reference=np.zeros((n, N_REFERENCE + len(task.model.link_mass))),
+        wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)), key=np.zeros(n, dtype=np.int64),
+        delay=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
+        impulse=np.zeros((n, MOST_IMPULSES, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n),
+        terms=np.zeros((n, len(REWARDS))), signals=np.zeros((n, N_SIGNALS)), cost=np.zeros(n),
+        applied=np.zeros((n, n_u)), clipped=np.zeros(n, dtype=np.int64), status=np.zeros(n, dtype=np.int64),
+    )  # fmt: skip
+
+
+def make_memory(description: Any, n: int) -> Memory:
+    """Allocate what kernels with this description of their memory need for ``n`` environments."""
+    threads = min(THREADS, n)
+    lanes = allocate(description, threads, lanes=True) if n >= WIDTH else np.zeros((threads, 0, WIDTH))
+    return Memory(allocate(description, threads), lanes)
+
+
+def batch_memory(task: TaskModel, n: int) -> Memory:
+    """Allocate the memory of :func:`step_batch` and :func:`start_episode` for ``n`` environments."""
+    return make_memory(group_shapes(task), n)
+
+
+def start_episode(fleet: Fleet, batch: Batch, memory: Memory, i: int, episode: Episode) -> None:
+    """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do."""
+    for array in batch:
+        array[i] = 0
+    batch.p[i], batch.v[i] = episode.p, episode.v
+    batch.reference[i] = flat_reference(episode.reference)
+    batch.level[i], batch.key[i], batch.delay[i] = episode.sensing
+    count = len(episode.impulses.tick)
+    batch.impulse_tick[i] = NEVER
+    batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
+    observe_one(fleet, batch, i, memory.plain[0])
+
+
+@kernel
+def observe_one(fleet, batch, i, block):
+    """Observe and measure environment ``i`` at its present time, without a step; late sensors see it as it is."""
+    task = plant_at(fleet, i)
+    work, reference = workspace(block, period_shapes(task)), _reference(task, batch.reference[i])
+    t, p, v, obs = batch.tick[i] * task.period, batch.p[i], batch.v[i], batch.obs[i]
+    observe_state(task, reference, t, p, v, work, obs, batch.signals[i])
+    sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, work.step.dynamics, obs)
+
+
+def step_batch(fleet: Fleet, batch: Batch, memory: Memory, actions: Array, active: np.ndarray) -> None:
+    """Advance the active environments of a batch by one control period, in lanes and on as many threads as pay.
+
+    Args:
+        fleet: their plants.
+        batch: the environments, advanced in place.
+        memory: of the kernels.
+        actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
+        active: (n,) False leaves an environment as it is.
+    """
+    run_in_threads(step_range, (fleet, batch, actions, active), fleet, len(batch.tick), memory, SMALLEST_CHUNK)
+
+
+def run_in_threads(
+    kernel: Callable[..., Any], arguments: tuple[Any, ...], fleet: Fleet, n: int, memory: Memory, smallest: int
+) -> None:
+    """Call ``kernel(*arguments, block, plain_block, first, last)`` for all environments of a batch.
+
+    Args:
+        kernel: of plain numbers and of lanes, by its block; it releases the interpreter's lock.
+        arguments: its first ones.
+        fleet: the plants; where these are alike, environments that fill all lanes are advanced in them.
+        n: number of environments.
+        memory: of the kernel.
+        smallest: number of environments that pay for a thread.
+    """
+    filled = n - n % WIDTH if len(fleet.numbers) == 1 else 0
+    if filled:
+        _in_threads(partial(kernel, *arguments), memory.lanes, memory.plain, 0, filled, smallest, WIDTH)
+    if filled < n:
+        _in_threads(partial(kernel, *arguments), memory.plain, memory.plain, filled, n, smallest, 1)
+
+
+def _in_threads(
+    advance: Callable[..., Any], blocks: Array, plain: Array, first: int, last: int, smallest: int, width: int
+) -> None:
+    """Call ``advance`` for the environments from ``first`` up to ``last``, cut at multiples of ``width``."""
+    chunks = min(len(blocks), (last - first) // smallest)
+    if chunks < 2:
+        advance(blocks[0], plain[0], first, last)
+        return
+    ends = [first + (last - first) * chunk // chunks // width * width for chunk in range(chunks)] + [last]
+    spans = zip(blocks, plain, itertools.pairwise(ends), strict=False)
+    jobs = [_pool().submit(advance, block, one, *span) for block, one, span in spans]
+    for job in jobs:
+        job.result()
+
+
+@kernel(nogil=True)
+def step_range(fleet, batch, actions, active, block, plain, first, last):
+    """Advance the active environments from ``first`` up to ``last`` by one control period.
+
+    block: memory of a group; its kind decides how many environments are advanced at once.
+    plain: memory of a single environment; the same block if that is what a group is.
+    """
+    task = plant_at(fleet, first)
+    work, one = workspace(block, group_shapes(task)), workspace(plain, period_shapes(task))
+    group, width = work.group, columns(work.group.t).shape[1]
+    for i in range(first, last, width):
+        if len(fleet.numbers) > 1:
+            task = plant_at(fleet, i)
+        load(batch, i, group)
+        gather(actions, i, group.command)
+        command_of(group.command, task.scale, group.command)
+        for k in range(i, i + width):
+            if active[k]:
+                begin(task, batch, k, group, k - i)
+                batch.clipped[k] = clipped(actions[k])
+        advance_group(task, group, work.period)
+        for k in range(i, i + width):
+            if active[k]:
+                sense_lane(task, batch, k, group, work.period, k - i, one)
+                store(batch, k, group, work.period, k - i)
+                batch.reward[k], batch.cost[k] = columns(group.reward)[0, k - i], columns(group.cost)[0, k - i]
+                take(group.terms, k - i, batch.terms[k])
+
+
+@kernel(inline=True)
+def clipped(action):
+    """How many entries of an action (n,) lie beyond [-1, 1]."""
+    count = 0
+    for k in range(len(action)):
+        count += abs(action[k]) > 1.0
+    return count
+
+
+@kernel(inline=True)
+def load(batch, i, group):
+    """Take the environments from ``i`` on into a group."""
+    gather(batch.p, i, group.p)
+    gather(batch.v, i, group.v)
+    gather(batch.reference, i, group.reference)
+    gather(batch.obs, i, group.obs)
+    gather(batch.signals, i, group.signals)
+
+
+@kernel(inline=True)
+def begin(task, batch, i, group, lane):
+    """Let the next control period of environment ``i`` begin in a lane of a group, with its impulses."""
+    impulses = Impulses(batch.impulse_tick[i], batch.impulse[i])
+    impulse_wrench(impulses, batch.tick[i], task.period, batch.wrench[i])
+    put(batch.wrench[i], group.wrench, lane)
+    batch.tick[i] += 1
+    columns(group.t)[0, lane] = batch.tick[i] * task.period
+
+
+@kernel(inline=True)
+def advance_group(task, group, period):
+    """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
+    group.status[0] = control_period(
+        task, _reference(task, group.reference), group.t[0], group.p, group.v, group.command, group.wrench, period,
+        group.obs, group.signals,
+    )  # fmt: skip
+    group.reward[0] = reward_terms(task.weights, task.period, group.signals, group.terms)
+    group.cost[0] = period_cost(group.signals, group.status[0])
+
+
+@kernel(inline=True)
+def sense_lane(task, batch, i, group, period, lane, one):
+    """Turn the true observation of a lane, environment ``i``, into what its sensors see.
+
+    period: :class:`control_period.PeriodWork` of :func:`advance_group`; one: that of a single environment.
+    """
+    if columns(group.status)[0, lane] == NOT_FINITE or not (batch.key[i] > 0 or batch.delay[i] > 0):
+        return
+    before = one.before
+    take(period.before.p, lane, before.p)
+    take(period.before.v, lane, before.v)
+    take(group.obs, lane, before.obs)
+    reference, sensing = _reference(task, batch.reference[i]), _sensing(batch, i)
+    sense(task, reference, sensing, batch.tick[i], before.p, before.v, one.step.dynamics, before.obs)
+    put(before.obs, group.obs, lane)
+
+
+@kernel(inline=True)
+def store(batch, i, group, period, lane):
+    """Bring a lane of a group back as environment ``i``; period: as in :func:`sense_lane`."""
+    batch.status[i] = int(columns(group.status)[0, lane])
+    take(group.p, lane, batch.p[i])
+    take(group.v, lane, batch.v[i])
+    take(group.obs, lane, batch.obs[i])
+    take(group.signals, lane, batch.signals[i])
+    take(period.applied, lane, batch.applied[i])
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    """Threads for the kernels, which release the interpreter's lock."""
+    return ThreadPoolExecutor(THREADS, thread_name_prefix="sffr-gym")
+
+
+if hasattr(os, "register_at_fork"):  # threads do not survive a fork: the child makes its own
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+@inline
+def _sensing(batch, i):
+    return Sensing(batch.level[i], batch.key[i], batch.delay[i])
+
+
+@inline
+def _reference(task, numbers):
+    return workspace(numbers, reference_shapes(len(task.model.link_mass)))

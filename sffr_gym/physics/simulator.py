@@ -1,0 +1,299 @@
+"""The plant for programs: states in, states out, in physical units and the paper's coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag, eigh, null_space
+
+from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.config.params import Params, load_params
+from sffr_gym.physics import monolithic
+from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
+from sffr_gym.physics.beam import N_TIP
+from sffr_gym.physics.dynamics import accelerations, flexible_wrench
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import (
+    N_BASE,
+    Model,
+    joint_slice,
+    modal,
+    mode_slice,
+    nodal,
+    object_slice,
+    pack,
+    panel_beam,
+    steps_in,
+)
+from sffr_gym.types import Array
+
+RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the robot is; SI units, frames and signs as in ``sffr_gym.physics.model``."""
+
+    t: float  #: time [s]
+    q: Array  #: (n,) base x, y, yaw and joint angles [m, rad]
+    qd: Array  #: (n,) their rates [m/s, rad/s]
+    qf: Array  #: (n_p, 3 elements) elastic coordinates of every node, tip last: axial, transverse, slope [m, m, rad]
+    qfd: Array  #: (n_p, 3 elements) their rates [m/s, m/s, rad/s]
+    obj: Array | None  #: (3,) the object's pose [m, m, rad]; None without an object
+    objd: Array | None  #: (3,) its velocity [m/s, m/s, rad/s]; None without an object
+
+
+class Applied(NamedTuple):
+    """What the limits leave of a command, and which actuators they bound."""
+
+    base: Array  #: (3,) thrust along the base axes [N, N, N m]
+    joints: Array  #: (n_l,) torques [N m]
+    volts: Array  #: (n_p, n_c) piezo voltages [V]
+    piezo_tau: Array  #: (n_p, 3) the piezos' forces on the tip coordinates [N, N, N m]
+    saturated: np.ndarray  #: (n_u,) whether each actuator is saturated, in the order of an action
+
+
+class Simulator:
+    """The plant: rigid part, flexible panels, their coupling, pinned object, actuators with limits.
+
+    Args:
+        params: the robot; the paper's case study if left out.
+        coupling: ``exact`` (all accelerations at once) or ``staggered`` (Fig. 1: the base feels the Q_flex of a step's
+            start until its end; of first order); from the parameters if left out.
+        integrator: ``etdrk4`` or ``rk4``; from the parameters if left out.
+        max_step: longest integration step [s]; from the parameters if left out.
+
+    Raises:
+        ConfigError: if the parameters are out of range or the grasp cannot be closed.
+        ValueError: for an unknown coupling or integrator.
+    """
+
+    def __init__(
+        self,
+        params: Params | None = None,
+        *,
+        coupling: str | None = None,
+        integrator: str | None = None,
+        max_step: float | None = None,
+    ) -> None:
+        given = {"coupling": coupling, "integrator": integrator, "max_step": max_step}
+        overrides = [f"simulation.{key}={value}" for key, value in given.items() if value is not None]
+        self.params = (params or load_params()).with_overrides(*overrides)
+        self.model = pack(self.params)
+        self.actuators = pack_actuators(self.params, self.model)
+        self._beam = panel_beam(self.params)
+        self._integrator = INTEGRATORS[self.params.simulation.integrator]
+        self._work = new_workspace(step_shapes(self.model))
+
+    def initial_state(self) -> State:
+        """Return the configured start (Table IV), the object at rest relative to the grippers."""
+        return self.unflatten(0.0, *initial_positions(self.params, self.model))
+
+    def step(
+        self,
+        state: State,
+        base: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
+        piezo_tau: ArrayLike | None = None,
+        piezo_volts: ArrayLike | None = None,
+        wrench: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> State:
+        """Advance by ``dt`` under held actuator forces and return the new state; the given one is not touched.
+
+        Args:
+            state: where to start.
+            base: (3,) thrust along the base axes [N, N, N m].
+            joints: (n_l,) joint torques [N m].
+            piezo_tau: (n_p, 3) desired piezo forces on the tip coordinates [N, N, N m].
+            piezo_volts: (n_p, n_c) voltages [V], instead of ``piezo_tau``.
+            wrench: (3,) force and moment of the surroundings on the base, base axes [N, N, N m]; they know no limit.
+            dt: duration [s]; the control period if left out. Cut into steps of at most ``simulation.max_step``, or less
+                for panels without damping, the classical method, or the staggered coupling.
+
+        Raises:
+            ValueError: for a wrong shape or a number that is not finite, in the state or the forces, a duration that is
+                not positive, or both ``piezo_tau`` and ``piezo_volts``.
+        """
+        dt = self.params.control.period if dt is None else float(dt)
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ValueError(f"dt must be a positive number of seconds, got {dt}")
+        applied = self.applied(base, joints, piezo_tau, piezo_volts)
+        tau = self._forces(applied)
+        tau[:3] += _vector("wrench", wrench, (3,))
+        p, v = self._flat(state)
+        advance(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
+        return self.unflatten(state.t + dt, p, v)
+
+    def applied(
+        self,
+        base: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
+        piezo_tau: ArrayLike | None = None,
+        piezo_volts: ArrayLike | None = None,
+    ) -> Applied:
+        """Return what the actuators' limits leave of a command; arguments and errors as in :meth:`step`."""
+        n_p, _, n_c = self.actuators.K_PZ.shape
+        if piezo_tau is not None and piezo_volts is not None:
+            raise ValueError("give piezo_tau or piezo_volts, not both")
+        volts = _vector("piezo_volts", piezo_volts, (n_p, n_c))
+        if piezo_tau is not None:
+            volts = np.einsum("pcf,pf->pc", self.actuators.allocation, _vector("piezo_tau", piezo_tau, (n_p, N_TIP)))
+        thrust, torques = _vector("base", base, (3,)), _vector("joints", joints, self.model.link_mass.shape)
+        command = np.concatenate([volts.ravel(), thrust, torques])
+        left = np.empty_like(command)
+        saturate(self.actuators, command, left)
+        volts, thrust, torques = self.split(left)
+        forces = np.einsum("pfc,pc->pf", self.actuators.K_PZ, volts)
+        return Applied(thrust, torques, volts, forces, left != command)
+
+    def split(self, command: Array) -> tuple[Array, Array, Array]:
+        """Return a command's (n_u,) piezo voltages (n_p, n_c), thrust (3,) and joint torques (n_l,)."""
+        n_p, _, n_c = self.actuators.K_PZ.shape
+        volts, base, joints = np.split(command, [n_p * n_c, n_p * n_c + N_BASE])
+        return volts.reshape(n_p, n_c), base, joints
+
+    def mass_matrix(self, state: State) -> Array:
+        """Return M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates."""
+        return self._assembled(state)[0]
+
+    def bias(self, state: State) -> Array:
+        """Return the bias h (N,) of ``M zdd + h = Q``: velocity terms, elastic forces and strain-rate damping."""
+        return self._assembled(state)[1]
+
+    def acceleration(self, state: State, **command: ArrayLike | None) -> tuple[Array, Array, Array]:
+        """Return accelerations ``qdd (n,), qfdd (n_p, n_f), objdd (3,)`` under a command as in :meth:`step`."""
+        _, a = self._evaluated(state, command)
+        at = joint_slice(self.model).stop
+        return a[:at], nodal(self.model, a[mode_slice(self.model)]), a[object_slice(self.model)]
+
+    def energy(self, state: State) -> float:
+        """Return the kinetic and strain energy of robot and object [J]."""
+        M, _ = self._assembled(state)
+        zd = np.concatenate([state.qd, state.qfd.ravel()])
+        energy = 0.5 * zd @ M @ zd + 0.5 * np.einsum("pf,fg,pg->", state.qf, self._beam.K, state.qf)
+        if state.objd is not None:
+            m, inertia = self.model.object_mass, self.model.object_inertia
+            energy += 0.5 * np.array([m, m, inertia]) @ state.objd**2
+        return float(energy)
+
+    def momentum(self, state: State) -> Array:
+        """Return linear momentum and angular momentum about the inertial origin (3,) [N s, N s, N m s]."""
+        M, _ = self._assembled(state)
+        px, py, pz = (M @ np.concatenate([state.qd, state.qfd.ravel()]))[:3]
+        total = np.array([px, py, pz + state.q[0] * py - state.q[1] * px])
+        if state.obj is not None and state.objd is not None:
+            m = self.model.object_mass
+            spin = self.model.object_inertia * state.objd[2]
+            orbit = m * (state.obj[0] * state.objd[1] - state.obj[1] * state.objd[0])
+            total += np.array([m * state.objd[0], m * state.objd[1], spin + orbit])
+        return total
+
+    def q_flex(self, state: State, **command: ArrayLike | None) -> Array:
+        """Return the generalised force (n,) of the panels on the rigid part, Eq. 4; commands as in :meth:`step`."""
+        self._evaluated(state, command)
+        force = np.zeros_like(state.q)
+        force[:3] = flexible_wrench(self.model, self._flat(state)[1], self._work.dynamics)
+        return force
+
+    def grasp_forces(self, state: State, **command: ArrayLike | None) -> Array:
+        """Return the forces (n_g, 2) of the object on each gripper, inertial axes [N]; commands as in :meth:`step`."""
+        self._evaluated(state, command)
+        pins = self._work.dynamics.grasps.pins
+        return np.column_stack([pins.lam_x, pins.lam_y]) @ rotation(state.q[2]).T
+
+    def constraint_drift(self, state: State) -> float:
+        """Return the largest distance of a gripper from its grasp point [m]; 0 without an object."""
+        if state.obj is None:
+            return 0.0
+        _, gap = monolithic.constraint_jacobian(self.model, state.q, state.qd, state.obj)
+        return float(np.linalg.norm(gap.reshape(-1, 2), axis=1).max(initial=0.0))
+
+    def frequencies(self, state: State) -> Array:
+        """Return the undamped natural frequencies about a configuration at rest [rad/s], rigid motion left out.
+
+        Of the panels' modes below the cuts; with an object, of the motion that the pins allow.
+        """
+        n = len(state.q)
+        modes = block_diag(np.eye(n), *self.model.shapes)
+        M = modes.T @ self._assembled(state)[0] @ modes
+        stiffness = np.diag(np.concatenate([np.zeros(n), self.model.omega2.ravel()]))
+        if state.obj is not None:
+            m, inertia = self.model.object_mass, self.model.object_inertia
+            J, _ = monolithic.constraint_jacobian(self.model, state.q, 0 * state.qd, state.obj)
+            J = np.hstack([J[:, :n], np.zeros((len(J), len(M) - n)), J[:, n:]])
+            allowed = null_space(J)
+            padded = np.zeros((len(M) + 3, len(M) + 3))
+            padded[: len(M), : len(M)] = M
+            padded[-3:, -3:] = np.diag([m, m, inertia])
+            M = allowed.T @ padded @ allowed
+            stiffness = allowed.T @ np.pad(stiffness, (0, 3)) @ allowed
+        squares = eigh(stiffness, M, eigvals_only=True)
+        omega = np.sqrt(np.clip(squares, 0.0, None))
+        return omega[omega > RIGID_MODE]
+
+    def _evaluated(self, state: State, command: dict[str, ArrayLike | None]) -> tuple[Array, Array]:
+        """Return generalised forces and accelerations (n,); the rest of the equations stays in the buffers."""
+        wrench = _vector("wrench", command.pop("wrench", None), (3,))
+        tau = self._forces(self.applied(**command))
+        tau[:3] += wrench
+        out = np.empty_like(tau)
+        accelerations(self.model, *self._flat(state), tau, self._work.dynamics, out, False, True)
+        return tau, out
+
+    def _forces(self, applied: Applied) -> Array:
+        """Return the generalised forces (n,) of an applied command."""
+        tau = np.zeros(self.model.at.end)
+        command = np.concatenate([applied.volts.ravel(), applied.base, applied.joints])
+        generalized_forces(self.model, self.actuators, command, tau)
+        return tau
+
+    def _assembled(self, state: State) -> tuple[Array, Array]:
+        return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
+
+    def _flat(self, state: State) -> tuple[Array, Array]:
+        """Return positions and velocities ``p, v`` (n,) of a state; raise ValueError if it is not this robot's."""
+        n, elastic, body = joint_slice(self.model).stop, self.model.shapes.shape[:2], object_slice(self.model)
+        shapes = {"q": (n,), "qd": (n,), "qf": elastic, "qfd": elastic}
+        if body.stop > body.start:
+            shapes |= {"obj": (3,), "objd": (3,)}
+        for name, shape in shapes.items():
+            value = getattr(state, name)
+            if np.shape(value) != shape or not np.isfinite(value).all():
+                raise ValueError(f"state.{name} must be finite and have shape {shape}, got {value!r}")
+        p, v = (
+            np.concatenate([rigid, modal(self.model, elastic), [] if body is None else body])
+            for rigid, elastic, body in ((state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd))
+        )
+        return p, v
+
+    def unflatten(self, t: float, p: Array, v: Array) -> State:
+        """Return the state whose flat positions and velocities, as the kernels have them, are ``p, v`` (n,)."""
+        return unflatten(self.model, t, p, v)
+
+
+def unflatten(model: Model, t: float, p: Array, v: Array) -> State:
+    """Return the state of a robot whose kernels have the flat positions and velocities ``p, v`` (n,)."""
+    at, elastic, body = joint_slice(model).stop, mode_slice(model), object_slice(model)
+    has_object = body.stop > body.start
+    return State(
+        t, p[:at].copy(), v[:at].copy(), nodal(model, p[elastic]), nodal(model, v[elastic]),
+        p[body].copy() if has_object else None, v[body].copy() if has_object else None,
+    )  # fmt: skip
+
+
+def _vector(name: str, value: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    """Return a finite array of the given shape, zeros for None; raise ValueError for anything else."""
+    if value is None:
+        return np.zeros(shape)
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has entries that are not finite: {array.tolist()}")
+    return array

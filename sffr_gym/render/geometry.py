@@ -1,0 +1,90 @@
+"""Where arms, panels and path are in a state ``p`` of the plant, and how long forces are drawn, for pictures.
+
+States are laid out as :mod:`sffr_gym.physics.model` says.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_gym.config.params import Params
+from sffr_gym.physics.beam import N_TIP, shape_functions
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import N_BASE, Model, joint_slice, mode_slice, nodal, object_slice
+from sffr_gym.task.reference import Reference
+from sffr_gym.types import Array
+
+CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])  # of a square of side 2
+
+
+class Scales(NamedTuple):
+    """Forces that a metre of plume and a metre of grasp arrow stand for [N/m], and the largest piezo voltage [V]."""
+
+    thrust: float
+    grasp: float
+    volts: float
+
+
+def arm_line(model: Model, p: Array, arm: int) -> Array:
+    """Return mount, joints and tip of an arm (n_links + 1, 2) [m], inertial axes, in a state ``p`` (n,)."""
+    links = slice(model.arm_first[arm], model.arm_first[arm + 1])
+    angles = p[2] + model.arm_angle[arm] + np.cumsum(p[joint_slice(model)][links])
+    steps = model.link_length[links, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    line: Array = p[:2] + rotation(p[2]) @ model.arm_mount[arm] + np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+    return line
+
+
+def panel_line(model: Model, params: Params, p: Array, panel: int, factor: float = 1.0, points: int = 24) -> Array:
+    """Return a panel's centre line (about ``points``, 2) [m], inertial axes, its deflection times ``factor``."""
+    x, U, W = panel_shapes(params.panel.length, params.panel.elements, points)
+    q_f = nodal(model, p[mode_slice(model)])[panel]
+    local = np.column_stack([x + U @ q_f, factor * (W @ q_f)])
+    return place_in_panel(model, p, panel, local)
+
+
+def place_in_panel(model: Model, p: Array, panel: int, local: Array) -> Array:
+    """Return points (k, 2) [m], given in a panel's axes from its root, in the inertial axes."""
+    (c, s), root = model.panel_axis[panel], model.panel_root[panel]
+    placed: Array = p[:2] + (root + local @ np.array([[c, s], [-s, c]])) @ rotation(p[2]).T
+    return placed
+
+
+def path_points(reference: Reference, angles: Array) -> Array:
+    """Return the points (k, 2) [m] of the path at angles (k,) on the circle [rad], inertial axes."""
+    x = reference.x0 + reference.radius * (np.sin(angles) - np.sin(reference.phase))
+    y = reference.y0 + reference.radius * (np.cos(reference.phase) - np.cos(angles))
+    return np.column_stack([x, y])
+
+
+def in_base_axes(model: Model, p: Array) -> Array:
+    """Return positions (n,) in the axes of the base."""
+    seen, pose = p.copy(), object_slice(model)
+    seen[:N_BASE] = 0.0
+    if seen[pose].size:
+        seen[pose] = np.append((p[pose][:2] - p[:2]) @ rotation(p[2]), p[pose][2] - p[2])
+    return seen
+
+
+def force_scales(params: Params, model: Model) -> Scales:
+    """Return scales at which a metre stands for what the path asks: of the thrusters, of both grippers together."""
+    curve = params.path.speed**2 / params.path.radius
+    mass = float(model.base_mass + model.link_mass.sum() + model.panel_mass.sum())
+    return Scales(
+        (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve, params.actuators.piezo.voltage
+    )
+
+
+@functools.lru_cache(maxsize=16)
+def panel_shapes(length: float, elements: int, points: int) -> tuple[Array, Array, Array]:
+    """Return places (k,) [m] along a panel, and its axial and transverse displacement (k, n_f) for unit nodal ones."""
+    step, each = length / elements, max(points // elements, 2)
+    k, n_f = elements * each + 1, N_TIP * elements
+    U, W = np.zeros((k, N_TIP + n_f)), np.zeros((k, N_TIP + n_f))  # the clamped root's first
+    for row in range(1, k):
+        element = (row - 1) // each
+        at = slice(N_TIP * element, N_TIP * (element + 2))
+        U[row, at], W[row, at], *_ = shape_functions((row - element * each) / each, step)
+    return np.linspace(0.0, length, k), U[:, N_TIP:], W[:, N_TIP:]

@@ -1,0 +1,122 @@
+"""One control period of the task: a held command, what it does to the plant, and what is observed and measured then.
+
+Pure functions of the state; one source for the single environment, the batch and the compiled closed loop.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.lanes import any_lane, where
+from sffr_gym.compile.linalg import assign
+from sffr_gym.physics.actuators import generalized_forces, saturate
+from sffr_gym.physics.integrator import StepWork, advance, step_shapes
+from sffr_gym.physics.model import N_BASE
+from sffr_gym.task.observation import observe
+from sffr_gym.task.reference import desired
+from sffr_gym.task.signals import N_SIGNALS, measure_command, measure_state
+from sffr_gym.task.status import NOT_FINITE, RUNNING, status_of
+from sffr_gym.types import Array
+
+
+class Before(NamedTuple):
+    """The state before a period, to which an environment that diverges goes back."""
+
+    p: Array  #: (n,) positions and velocities
+    v: Array  #: (n,)
+    obs: Array  #: (n_o,), signals: (N_SIGNALS,) what was observed and measured; kept only where other lanes go on
+    signals: Array
+
+
+class PeriodWork(NamedTuple):
+    """Memory of a control period. One for each thread."""
+
+    step: StepWork  #: of the integrator
+    before: Before  #: the state before the period
+    tau: Array  #: (n,) generalised forces
+    applied: Array  #: (n_u,) command after the limits
+    quasi_static: Array  #: (3,) quasi-static wrench of the panels on the base [N, N, N m]
+    energy: Array  #: (n_p,) each panel's share of the signal ``vibration`` [J]
+
+
+@inline
+def period_shapes(task):
+    """Shapes of the :class:`PeriodWork` of a :class:`task_model.TaskModel`."""
+    n = task.model.at.end
+    return PeriodWork(
+        step=step_shapes(task.model), before=Before((n,), (n,), (len(task.bound),), (N_SIGNALS,)), tau=(n,),
+        applied=(len(task.scale),), quasi_static=(3,), energy=(len(task.model.panel_root),),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def control_period(task, reference, t_end, p, v, command, wrench, work, obs, signals):
+    """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
+
+    A state that is not finite is not returned: ``p, v`` go back to what they were, observation and signals stay.
+
+    task: the plant as a :class:`task_model.TaskModel`; reference: the episode's :class:`reference.Reference`.
+    command: (n_u,) piezo volts, base thrust, joint torques, before the limits.
+    wrench: (3,) force of the surroundings on the base [N, N, N m], base axes.
+    work: :class:`PeriodWork`.
+    obs: (n_o,) observation at the end, written; signals: (N_SIGNALS,) written.
+
+    Returns the status of the new state: ``RUNNING``, or why the episode ends.
+    """
+    before = work.before
+    assign(before.p, p)
+    assign(before.v, v)
+    saturate(task.actuators, command, work.applied)
+    generalized_forces(task.model, task.actuators, work.applied, work.tau)
+    for k in range(N_BASE):
+        work.tau[k] += wrench[k]
+    for k in range(task.model.at.object, task.model.at.end):  # nothing pushes the object but the grippers
+        work.tau[k] = 0.0
+    advance(task.model, p, v, work.tau, task.period, task.steps, task.integrator, work.step)
+    diverged = _has_diverged(p, v)
+    if any_lane(diverged > 0.0):
+        _roll_back(diverged, before.p, p)
+        _roll_back(diverged, before.v, v)
+        if not any_lane(diverged == 0.0):
+            return where(diverged > 0.0, NOT_FINITE, RUNNING)
+        assign(before.obs, obs)
+        assign(before.signals, signals)
+    des = desired(reference, t_end)
+    observe(task, reference, des, p, v, work.step.dynamics, obs, False)
+    measure_state(task, reference, des, p, v, work.energy, work.quasi_static, signals)
+    measure_command(task, work.applied, work.step.forces.q_flex, work.quasi_static, signals)
+    status = status_of(task, p, v, work.step.dynamics, obs)
+    if any_lane(diverged > 0.0):
+        _roll_back(diverged, before.obs, obs)
+        _roll_back(diverged, before.signals, signals)
+    return where(diverged > 0.0, NOT_FINITE, status)
+
+
+@kernel
+def observe_state(task, reference, t, p, v, work, obs, signals):
+    """Observe and measure a state at time ``t`` [s] without a step; the signals of the command are 0.
+
+    Arguments as in :func:`control_period`.
+    """
+    des = desired(reference, t)
+    observe(task, reference, des, p, v, work.step.dynamics, obs, True)
+    signals[:] = 0.0
+    measure_state(task, reference, des, p, v, work.energy, work.quasi_static, signals)
+
+
+@kernel(inline=True)
+def _has_diverged(p, v):
+    """1 where a position or velocity (n,) is not finite, else 0."""
+    diverged = 0.0
+    for k in range(len(p)):
+        diverged = where(isfinite(p[k]) & isfinite(v[k]), diverged, 1.0)
+    return diverged
+
+
+@kernel(inline=True)
+def _roll_back(diverged, before, values):
+    """Put values (n,) back to what they were before where the state has diverged."""
+    for k in range(len(values)):
+        values[k] = where(diverged > 0.0, before[k], values[k])

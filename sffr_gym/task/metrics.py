@@ -1,0 +1,73 @@
+"""Measures of an episode, from the signals of every control period; ``score`` makes the benchmark's cost of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sffr_gym.task.signals import (
+    ATTITUDE,
+    ERROR,
+    FORCE,
+    JOINT,
+    MOMENT,
+    PIEZO,
+    SAT_JOINT,
+    SAT_PIEZO,
+    SAT_THRUST,
+    THRUST,
+    TIP,
+    VIBRATION,
+)
+from sffr_gym.types import Array
+
+SETTLED = 0.05  # of the largest vibration energy
+
+# Each measure with its unit, in the order of tables.
+MEASURES = {
+    "track_rmse": "m",
+    "track_max": "m",
+    "attitude_rmse": "rad",
+    "vibration": "J",
+    "tip_max": "m",
+    "settling_time": "s",
+    "disturbance_force_rmse": "N",
+    "disturbance_moment_rmse": "N m",
+    "piezo_effort": "V2 s",
+    "thruster_impulse": "N s",
+    "joint_effort": "N2 m2 s",
+    "piezo_saturation": "1",
+    "thruster_saturation": "1",
+    "joint_saturation": "1",
+    "failed": "1",
+    "duration": "s",
+}
+
+
+def measure(signals: Array, period: float, failure: str = "") -> dict[str, float]:
+    """Return the measures of one episode, by the names in ``MEASURES``.
+
+    Args:
+        signals: (n_ticks, N_SIGNALS) in the order of ``SIGNALS``.
+        period: control period [s].
+        failure: why the episode ended early; empty if it did not.
+
+    Raises:
+        ValueError: for an episode without a single control period.
+    """
+    if len(signals) == 0:
+        raise ValueError("an episode needs at least one control period")
+    rms = np.sqrt(np.mean(signals**2, axis=0))
+    mean, total, largest = signals.mean(axis=0), signals.sum(axis=0) * period, signals.max(axis=0)
+    values = (
+        rms[ERROR], largest[ERROR], rms[ATTITUDE], mean[VIBRATION], largest[TIP],
+        settling_time(signals[:, VIBRATION], period), rms[FORCE], rms[MOMENT],
+        total[PIEZO], total[THRUST], total[JOINT], mean[SAT_PIEZO], mean[SAT_THRUST], mean[SAT_JOINT],
+        float(bool(failure)), len(signals) * period,
+    )  # fmt: skip
+    return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
+
+
+def settling_time(energy: Array, period: float) -> float:
+    """Return the time [s] from which an energy (n_ticks,) stays below ``SETTLED`` of its maximum."""
+    above = np.flatnonzero(energy > SETTLED * energy.max())
+    return float((above[-1] + 1) * period) if len(above) else 0.0

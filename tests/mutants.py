@@ -1,0 +1,327 @@
+"""Change single operators, numbers and conditions in a copy of the sources, and see whether the tests notice.
+
+The operators are cosmic-ray's; ``mutants.toml`` names those in use, the modules with their tests, and the mutants that
+are accepted with a reason. Every outcome is written at once to a folder, from which an interrupted run goes on; a
+module whose source has changed begins again. Modules of ``sffr_gym`` and ``sffr_baselines``, whose edits would compile
+the kernels again, run without numba's compiler; for all others these two packages come from the checkout, compiled.
+
+    python tests/mutants.py [--sample N] [--again] [--report FILE] [MODULE ...]
+
+Exit code 1 if a mutant survives without a reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import json
+import os
+import random
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from queue import Queue
+from typing import Any, NamedTuple
+
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
+
+from sffr_gym.config.files import to_json, write_whole
+
+ROOT = Path(__file__).parents[1]
+CONFIG = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8"))
+MODULES: dict[str, list[str]] = CONFIG["modules"]
+OUT = ROOT / "runs" / "mutants"
+COPIED = ("sffr_gym", "baselines", "agents", "workbench", "configs", "docs", "tests", "pyproject.toml", "Makefile")
+INTERPRETED = ("sffr_gym/", "baselines/")
+KILLED, TIMEOUT, SURVIVED = "killed", "timeout", "survived"
+
+
+class Mutant(NamedTuple):
+    """One change of a module.
+
+    Attributes:
+        module: path from the root; function: innermost one around it, with its class; empty at a module's top.
+        operator: cosmic-ray's name; occurrence: which of its places in the module.
+        line: number; text: that line as it is.
+    """
+
+    module: str
+    function: str
+    operator: str
+    occurrence: int
+    line: int
+    text: str
+
+    @property
+    def key(self) -> str:
+        """Name of its outcome."""
+        return f"{self.operator} {self.occurrence}"
+
+    @property
+    def reason(self) -> str:
+        """Why it is accepted that no test notices it; empty if it is not."""
+        return next((str(entry["reason"]) for entry in CONFIG.get("accepted", ()) if matches(entry, self)), "")
+
+    def source(self) -> str:
+        """The module with the change."""
+        before = (ROOT / self.module).read_text(encoding="utf-8")
+        return str(mutate_code(before, get_operator(f"core/{self.operator}")(), self.occurrence))
+
+
+def matches(entry: dict[str, str], mutant: Mutant) -> bool:
+    """Say whether an accepted entry is about a mutant, wherever its line stands in the file by now."""
+    own = {"module": mutant.module, "function": mutant.function, "operator": mutant.operator, "line": mutant.text}
+    return all(entry[name] == value for name, value in own.items())
+
+
+def mutants_of(module: str) -> list[Mutant]:
+    """All mutants of a module, in a fixed order."""
+    source = (ROOT / module).read_text(encoding="utf-8")
+    tree, lines = ast.parse(source), source.splitlines()
+    skipped, functions = list(_skipped(tree)), list(_functions(tree))
+    nodes, found = list(ast_nodes(get_ast(source))), []
+    for operator in CONFIG["operators"]:
+        instance = get_operator(f"core/{operator}")()
+        places = [start for node in nodes for start, _ in instance.mutation_positions(node)]
+        for occurrence, start in enumerate(places):
+            if not any(first <= start < last for first, last in skipped):
+                around = max((entry for entry in functions if entry[0] <= start[0] <= entry[1]), default=(0, 0, ""))
+                text = " ".join(lines[start[0] - 1].split())
+                found.append(Mutant(module, around[2], operator, occurrence, start[0], text))
+    return found
+
+
+def sample(mutants: list[Mutant], count: int | None) -> list[Mutant]:
+    """So many mutants of a module, always the same ones; all for None."""
+    if count is None or count >= len(mutants):
+        return mutants
+    chosen = set(random.Random(mutants[0].module).sample(range(len(mutants)), count))
+    return [mutant for k, mutant in enumerate(mutants) if k in chosen]
+
+
+def _skipped(tree: ast.AST) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """First and last position of what is not mutated: annotations, decorators, messages, assertions for mypy."""
+    for node in ast.walk(tree):
+        parts: list[ast.AST | None] = []
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            parts += node.decorator_list
+        if isinstance(node, ast.FunctionDef):
+            parts.append(node.returns)
+        if isinstance(node, ast.arg | ast.AnnAssign):
+            parts.append(node.annotation)
+        if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr):
+            parts.append(node)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in CONFIG["calls"]:
+            parts.append(node)
+        if isinstance(node, ast.keyword) and node.arg in CONFIG["keywords"]:
+            parts.append(node.value)
+        for part in parts:
+            if part is not None:
+                yield (part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)
+
+
+def _functions(tree: ast.AST, around: str = "") -> Iterator[tuple[int, int, str]]:
+    """First and last line of all functions and classes, with their names."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            name = f"{around}.{node.name}".lstrip(".")
+            yield node.lineno, node.end_lineno or node.lineno, name
+            yield from _functions(node, name)
+        else:
+            yield from _functions(node, around)
+
+
+class Copy:
+    """A copy of the checkout in which one mutant at a time is tested.
+
+    Args:
+        folder: empty, for the copy.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for name in COPIED:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            else:
+                shutil.copy2(ROOT / name, folder)
+        subprocess.run([sys.executable, "-m", "compileall", "-q", *COPIED[:4]], cwd=folder, check=True)
+
+    def outcome(self, mutant: Mutant, timeout: float) -> str:
+        """Change the module and run its tests."""
+        file = self.folder / mutant.module
+        original = file.read_text(encoding="utf-8")
+        file.write_text(mutant.source(), encoding="utf-8")
+        try:
+            return self.run_tests(mutant.module, timeout)
+        finally:
+            file.write_text(original, encoding="utf-8")
+
+    def run_tests(self, module: str, timeout: float) -> str:
+        """Run the tests of a module, up to the first that fails."""
+        interpreted = module.startswith(INTERPRETED)
+        homes = [self.folder if interpreted or name in ("agents", "workbench") else ROOT for name in COPIED[:4]]
+        path = [home / name if name != "sffr_gym" else home for home, name in zip(homes, COPIED[:4], strict=True)]
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(map(str, path)),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "NUMBA_DISABLE_JIT": str(int(interpreted)),
+        }
+        command = [sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
+        for test in MODULES[module]:  # one by one, since pytest's -k holds for all files of a call
+            running = subprocess.Popen(
+                [*command, *shlex.split(f"tests/{test}")], cwd=self.folder, env=environment, stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL, start_new_session=True,
+            )  # fmt: skip
+            try:
+                if running.wait(timeout):
+                    return KILLED
+            except subprocess.TimeoutExpired:
+                os.killpg(running.pid, signal.SIGKILL)
+                running.wait()
+                return TIMEOUT
+        return SURVIVED
+
+
+class Outcomes:
+    """What is known of a module's mutants, kept in a file.
+
+    Args:
+        module: path from the root.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._file = OUT / (module.removesuffix(".py").replace("/", ".") + ".json")
+        source = hashlib.sha256((ROOT / module).read_bytes()).hexdigest()[:16]
+        kept = json.loads(self._file.read_text(encoding="utf-8")) if self._file.exists() else {}
+        self._kept: dict[str, Any] = kept if kept.get("source") == source else {"source": source, "outcomes": {}}
+
+    def __getitem__(self, mutant: Mutant) -> str | None:
+        return self._kept["outcomes"].get(mutant.key)
+
+    def __setitem__(self, mutant: Mutant, outcome: str) -> None:
+        self._kept["outcomes"][mutant.key] = outcome
+        OUT.mkdir(parents=True, exist_ok=True)
+        write_whole(self._file, to_json(self._kept).encode())
+
+
+def run(mutants: list[Mutant], outcomes: dict[str, Outcomes], workers: int) -> None:
+    """Test mutants side by side and keep every outcome.
+
+    Raises:
+        SystemExit: if a module's tests fail without any change.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        copies: Queue[Copy] = Queue()
+        for k in range(workers):
+            copies.put(Copy(Path(name) / str(k)))
+        limits = {}
+        for module in dict.fromkeys(mutant.module for mutant in mutants):
+            begun, copy = time.perf_counter(), copies.get()
+            if copy.run_tests(module, timeout=600.0) != SURVIVED:
+                raise SystemExit(f"{module}: {' '.join(MODULES[module])} fail or hang without any change")
+            copies.put(copy)
+            taken = time.perf_counter() - begun
+            limits[module] = 20.0 + 4.0 * taken
+            print(f"{module}: {taken:.0f} s for its tests", flush=True)
+
+        def test(mutant: Mutant) -> tuple[Mutant, str]:
+            copy = copies.get()
+            try:
+                return mutant, copy.outcome(mutant, limits[mutant.module])
+            finally:
+                copies.put(copy)
+
+        with ThreadPoolExecutor(workers) as pool:
+            for done in as_completed([pool.submit(test, mutant) for mutant in mutants]):
+                mutant, outcome = done.result()
+                outcomes[mutant.module][mutant] = outcome
+                if outcome == SURVIVED and not mutant.reason:
+                    print(f"{mutant.module}:{mutant.line} {mutant.function}: {_changed(mutant)}", flush=True)
+
+
+def report(chosen: dict[str, list[Mutant]], outcomes: dict[str, Outcomes]) -> str:
+    """Counts by module and all survivors, as Markdown."""
+    head = "| module | mutants | tested | caught | survived with a reason | without |"
+    rows, survivors, sums = [], [], [0] * 5
+    for module, mutants in chosen.items():
+        tested = [mutant for mutant in mutants if outcomes[module][mutant]]
+        alive = [mutant for mutant in tested if outcomes[module][mutant] == SURVIVED]
+        explained = sum(bool(mutant.reason) for mutant in alive)
+        counts = [len(mutants_of(module)), len(tested), len(tested) - len(alive), explained, len(alive) - explained]
+        sums = [total + count for total, count in zip(sums, counts, strict=True)]
+        rows.append(f"| `{module}` | {' | '.join(map(str, counts))} |")
+        for mutant in alive:
+            cells = (
+                f"`{module}:{mutant.line}`", f"`{mutant.function}`" if mutant.function else "", mutant.operator,
+                _code(mutant.text), _code(_changed(mutant)), mutant.reason or "**none**",
+            )  # fmt: skip
+            survivors.append(f"| {' | '.join(cells)} |")
+    share = 100.0 * sums[2] / max(sums[1], 1)
+    return "\n".join([
+        "# Mutants", "",
+        "Single changes of operators, numbers and conditions, and whether the tests notice them; the equations of "
+        "motion, the integrators, the actuators and the laws' terms have `python -m sffr_workbench.verify.flips` "
+        "besides. Written by `make mutants`; `tests/mutants.toml` says what is changed, which tests run, and why a "
+        "survivor is accepted.", "",
+        f"{sums[2]} of {sums[1]} tested mutants are caught, {share:.1f} %.", "",
+        head, "|---|" + "--:|" * 5, *rows, f"| all | {' | '.join(map(str, sums))} |", "",
+        "## Survivors", "",
+        "| place | function | operator | line | changed to | why it stays |", "|---|" + "---|" * 5, *survivors, "",
+    ])  # fmt: skip
+
+
+def _changed(mutant: Mutant) -> str:
+    """What the change puts in the place of its line."""
+    before = (ROOT / mutant.module).read_text(encoding="utf-8").splitlines()
+    after = mutant.source().splitlines()
+    return " ".join(" ".join(new.split()) for old, new in zip(before, after, strict=False) if old != new)
+
+
+def _code(text: str) -> str:
+    return "`" + text.replace("|", "\\|") + "`"
+
+
+def main() -> int:
+    """Test what is missing, write the report, and return how many mutants survive without a reason."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help="such as sffr_gym/task/score.py; all without")
+    parser.add_argument("--sample", type=int, metavar="N", help="so many mutants of each module; all without")
+    parser.add_argument("--again", action="store_true", help="test those again that survived without a reason")
+    parser.add_argument("--workers", type=int, default=2, metavar="N", help="tests side by side")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write the counts and survivors, as Markdown")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.modules) - MODULES.keys():
+        parser.error(f"not in mutants.toml: {', '.join(sorted(unknown))}")
+    chosen = {module: sample(mutants_of(module), arguments.sample) for module in arguments.modules or MODULES}
+    outcomes = {module: Outcomes(module) for module in chosen}
+
+    def is_due(mutant: Mutant) -> bool:
+        known = outcomes[mutant.module][mutant]
+        return known is None or (arguments.again and known == SURVIVED and not mutant.reason)
+
+    run([mutant for mutants in chosen.values() for mutant in mutants if is_due(mutant)], outcomes, arguments.workers)
+    text = report(chosen, outcomes)
+    if arguments.report:
+        write_whole(arguments.report, text.encode())
+    print(text)
+    return sum(
+        outcomes[module][mutant] == SURVIVED and not mutant.reason
+        for module, mutants in chosen.items()
+        for mutant in mutants
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(), 1))

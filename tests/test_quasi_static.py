@@ -1,0 +1,52 @@
+"""The panels' quasi-static shape: static equilibrium under the reference's acceleration, and the rate of it."""
+
+import numpy as np
+import pytest
+
+from sffr_gym.config.params import Params
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import pack, panel_beam
+from sffr_gym.task.quasi_static import quasi_static_amplitudes, quasi_static_at
+from sffr_gym.task.reference import circle_reference, desired
+
+TURNED = "initial.q=[0.1, 0.2, 0.4, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]"
+
+
+@pytest.fixture(params=["fixed", "tangent"])
+def moving(request, params):
+    """Return a robot whose base starts turned, its arrays, and its desired motion from somewhere on the circle."""
+    robot: Params = params.with_overrides(f"path.heading={request.param}", TURNED, "panel.bending_cut=1.0e+6")
+    model = pack(robot)
+    return robot, model, circle_reference(robot, model, initial_positions(robot, model)[0], phase=0.7)
+
+
+def root(reference, offset, t):
+    """Return the desired place of a panel's root at ``offset`` (2,) in the base."""
+    now, from_object = desired(reference, t), np.array([reference.base_x, reference.base_y])
+    return np.array([now.x, now.y]) + rotation(now.heading) @ (from_object + rotation(reference.yaw) @ offset)
+
+
+def test_elastic_forces_balance_the_inertia_of_a_panel_that_rides_along(moving):
+    """``K q_f = -S_y a`` with the acceleration ``a`` of the root across the panel, by differences of its motion."""
+    robot, model, reference = moving
+    beam, t, h = panel_beam(robot), 3.0, 1e-3
+    q_f = np.einsum("pfm,pm->pf", model.shapes, quasi_static_at(model, reference, np.array([t]))[0])
+    for i, mount in enumerate(robot.panel.mounts):
+        after, now, before = (root(reference, np.array(mount.root), time) for time in (t + h, t, t - h))
+        a = (after - 2.0 * now + before) / h**2
+        angle = desired(reference, t).heading + reference.yaw + mount.angle
+        across = np.array([-np.sin(angle), np.cos(angle)]) @ a
+        np.testing.assert_allclose(beam.K @ q_f[i], -beam.S_y * across, rtol=0, atol=1e-6)
+        assert np.abs(beam.S_y * across).max() > 1e-3
+
+
+def test_rate_is_that_of_the_shape(moving):
+    """At the start, from the desired motion as from the time, and by central differences."""
+    _, model, reference = moving
+    start, h = desired(reference, 0.0), 1e-3
+    shape, rate = quasi_static_amplitudes(model, reference, np.array([[start.xdd, start.ydd]]))
+    before, now, after = quasi_static_at(model, reference, np.array([-h, 0.0, h]))
+    np.testing.assert_allclose(now, shape[0], rtol=1e-13, atol=1e-18)
+    np.testing.assert_allclose((after - before) / (2.0 * h), rate[0], rtol=1e-6, atol=1e-15)
+    assert rate.any() == (reference.turning == 0.0)  # seen from a robot that turns with the path nothing changes

@@ -1,0 +1,149 @@
+"""The commands ``sffr benchmark``, ``sffr compare`` and ``sffr tune-hsc``: arguments, and what the terminal shows."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from sffr_gym import ConfigError
+from sffr_gym.envs.single import resolve_params
+from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
+from sffr_gym.task.score import WEIGHTS
+from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite
+from sffr_workbench.benchmark.page import RESULTS_FILE
+from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
+from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
+from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.progress import ProgressBar, time_left
+from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
+from sffr_workbench.common import available_cores, terminal_table
+from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
+
+WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands of this module to the command line."""
+    app.command("benchmark")(benchmark_command)
+    app.command("compare", no_args_is_help=True)(compare_command)
+    app.command("tune-hsc")(tune_hsc_command)
+
+
+def benchmark_command(
+    policies: Annotated[
+        list[str] | None,
+        argument("[POLICY...]", "Policies to run, or .npz files of learned ones.", " ".join(default_policies())),
+    ] = None,
+    scenarios: Annotated[
+        list[str] | None, option("--scenario -s", "Shipped name or YAML file; repeatable.", "S", "all shipped")
+    ] = None,
+    episodes: Annotated[
+        int, option("--episodes -n", "Episodes of each policy in each scenario.", "N")
+    ] = SUITE_EPISODES,
+    seed: FirstSeed = EVALUATION_SEED,
+    jobs: Annotated[
+        int | None, option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", min=1)
+    ] = None,
+    out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
+    docs: Annotated[
+        Path | None, option("--docs", "Write results.md, leaderboard.json and images/ there as well.", "DIR")
+    ] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
+    figures: Annotated[bool, option("--figures/--no-figures", "Draw the figures.")] = True,
+    overwrite: Annotated[bool, option("--overwrite", "Start again instead of going on.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Score policies over all scenarios, in parallel; an interrupted run goes on where it was.
+
+    Prints the scores; writes results.md, leaderboard.json, figures, episodes.csv and manifest.json. Each finished
+    episode is kept at once: the same command, or one with more policies, scenarios or episodes, runs what is missing.
+    """
+    notes, results = consoles(quiet)
+    with user_errors():
+        figures = figures and can_draw(notes)
+        plan = Plan(
+            tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
+            resolve_params(params, overrides or []),
+        )  # fmt: skip
+        advice = f"what was finished is kept in {out}, and the same command goes on"
+        with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
+            scores, written = run_benchmark(
+                plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
+            )
+    print_scores(results, scores)
+    pages = (str(path) for path in written if path.name == RESULTS_FILE)
+    results.print(f"\n{', '.join(pages)}", markup=False, soft_wrap=True)
+
+
+def compare_command(
+    runs: Annotated[list[Path], argument("RUN...", "Folders of sffr evaluate or sffr benchmark.", False)],
+) -> None:
+    """Compare policies of several runs on the episodes that all of them have, relative to AHSC."""
+    _, results = consoles()
+    with user_errors():
+        episodes = common_episodes(runs)
+        scores = score_suite(episodes)
+    print_scores(results, scores)
+    count = len({(episode.scenario, episode.seed) for episode in episodes})
+    results.print(f"\n{count} common episodes of {', '.join(scores.scenarios)}", style="dim", soft_wrap=True)
+
+
+def tune_hsc_command(
+    scenario: ScenarioName = SCENARIO,
+    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N")] = TRAINING_EPISODES,
+    seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K")] = 0,
+    evaluations: Annotated[int, option("--evaluations", "About as many pairs at most.", "N", min=3)] = EVALUATIONS,
+    out: Annotated[Path | None, option("--out -o", "Settings to write.", "FILE", "print only")] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find the constant virtual damping of HSC that costs least: the policy hsc-tuned.
+
+    Minimises the cost relative to AHSC on training episodes by the method of Nelder and Mead, from B(0) on. The shipped
+    numbers are in configs/policies/hsc-tuned.yaml.
+    """
+    notes, results = consoles(quiet)
+    with user_errors():
+        if out is not None and not out.absolute().parent.is_dir():
+            raise ConfigError(f"{out}: its folder does not exist")
+        found = tune_hsc(
+            resolve_params(params, overrides or []), scenario, episodes, seed, evaluations,
+            lambda q5, q6, cost: notes.print(
+                f"q5 {format_number(q5)} N s/m, q6 {format_number(q6)} N m s/rad: cost {cost:.5f}"
+            ),
+        )  # fmt: skip
+        if out is not None:
+            write_damping(out, found, shlex.join(typed_command()))
+    results.print(
+        f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad: cost {found.cost:.4f}; with B(0) {found.hsc_cost:.4f}; "
+        f"{found.evaluations} pairs tried",
+        soft_wrap=True,
+    )
+
+
+def print_scores(console: Console, scores: SuiteScores) -> None:
+    """Print the overall scores, the lowest cost first."""
+    wide, medium = console.width >= WIDE, console.width >= MEDIUM
+    out = terminal_table()
+    out.add_column("policy", style="bold", no_wrap=True)
+    heads = ["less AHSC"] * medium + ["typical", *(f"{name.split('_')[0]}\nratio" for name in WEIGHTS)] * wide
+    for head in ("cost", *heads, "better", "failed"):
+        out.add_column(head, justify="right", no_wrap=True)
+    for policy in ranked(scores):
+        score = scores.overall[policy]
+        cells = [format_estimate(score.cost)] + [format_difference(score.difference)] * medium
+        cells += [format_estimate(score.typical), *map(format_number, score.ratios.values())] * wide
+        cells += [f"{100.0 * score.improvement:.0f} %", f"{score.failed}/{score.episodes}"]
+        out.add_row(Text(policy), *cells)
+    console.print(out)
+    console.print(
+        f"relative to AHSC over {len(scores.scenarios)} scenarios, lower is better; [95 % intervals]", style="dim",
+        markup=False,
+    )  # fmt: skip

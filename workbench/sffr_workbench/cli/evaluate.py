@@ -1,0 +1,71 @@
+"""The command ``sffr evaluate``: arguments, and what is printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sffr_baselines import POLICIES
+from sffr_baselines.learned import shipped_policies
+from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.progress import EvaluationProgress
+from sffr_workbench.cli.terminal import can_draw, consoles, dated_folder, typed_command, user_errors
+from sffr_workbench.evaluation import check_folder, evaluate, summary_remarks, summary_table, write_run
+from sffr_workbench.evaluation.run import DEFAULT_EPISODES
+from sffr_workbench.figures import save_episode_figures
+
+_LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
+_POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
+    f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items()
+)
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the command of this module to the command line."""
+    app.command("evaluate", no_args_is_help=True)(evaluate_command)
+
+
+def evaluate_command(
+    policies: Annotated[list[str], argument("POLICY", _POLICY_HELP, False)],
+    scenario: ScenarioName = "nominal",
+    episodes: Annotated[
+        int | None,
+        option(
+            "--episodes -n",
+            "Episodes of each policy, the same ones for all.",
+            "N",
+            f"{DEFAULT_EPISODES}, or 1 if the scenario draws nothing",
+        ),
+    ] = None,
+    seed: FirstSeed = EVALUATION_SEED,
+    out: Annotated[Path | None, option("--out -o", "Run folder.", "DIR", "runs/<scenario>-<date-time>")] = None,
+    params: ParamsFile = None,
+    overrides: Overrides = None,
+    figures: Annotated[bool, option("--figures/--no-figures", "Draw each policy's first episode.")] = True,
+    overwrite: Annotated[bool, option("--overwrite", "Replace a finished run in DIR.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run policies on the same episodes of a scenario, measure them, and leave a run folder.
+
+    Prints a table; writes summary.json, episodes.csv, manifest.json and figures. The first run ever compiles the
+    simulator for this machine, which takes about a minute.
+    """
+    notes, results = consoles(quiet)
+    with user_errors():
+        out = out or dated_folder(Path(scenario).stem)
+        check_folder(out, overwrite)
+        if seed < EVALUATION_SEED:
+            notes.print(f"note: seeds below {EVALUATION_SEED} are for training; compare agents on seeds from there up")
+        with EvaluationProgress(notes) as progress:
+            evaluation = evaluate(policies, scenario, episodes, seed, params, overrides or (), progress)
+        written = write_run(out, evaluation, typed_command())
+    results.print(summary_table(evaluation, results.width))
+    for line in summary_remarks(evaluation):
+        results.print(line, style="dim", markup=False)
+    if figures and can_draw(notes):
+        written += save_episode_figures(out, evaluation.first)
+    names = (path.relative_to(out).as_posix() for path in written)
+    results.print(f"\n{out}: {', '.join(names)}", markup=False, soft_wrap=True)

@@ -1,0 +1,67 @@
+"""The command ``sffr bench``: arguments, and what the terminal shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sffr_workbench.cli.options import option
+from sffr_workbench.cli.terminal import consoles, typed_command, user_errors
+from sffr_workbench.common import require
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the command of this module to the command line."""
+    app.command("bench")(bench_command)
+
+
+def bench_command(
+    quick: Annotated[bool, option("--quick", "Tiny runs that show that everything works, not how fast.")] = False,
+    only: Annotated[
+        str | None,
+        option(
+            "--only", "Some of physics, loop, gym, vector, growth, memory, starts, precision, profile.", "A,B", "all"
+        ),
+    ] = None,
+    repeats: Annotated[
+        int | None, option("--repeats", "Rounds of each comparison.", "N", "7, or 2 if quick", min=1)
+    ] = None,
+    out: Annotated[Path, option("--out -o", "Folder of bench.json and the picture.", "DIR")] = Path("runs/bench"),
+    doc: Annotated[Path | None, option("--doc", "Markdown file to write the tables into.", "FILE")] = None,
+) -> None:
+    """Measure the speed of the simulator and its environments, side by side with MuJoCo, SciPy and Gymnasium.
+
+    Prints tables and whether the targets are met; writes bench.json and work_precision.png. All of it takes about a
+    quarter of an hour and wants the machine to itself. Needs the extra bench.
+    """
+    with user_errors():
+        require("bench", "mujoco", "psutil", "matplotlib")
+        from sffr_workbench.speed import page, suite  # these need what was just required
+        from sffr_workbench.speed.precision import save_picture
+        from sffr_workbench.speed.targets import check_targets
+
+        names = suite.choose(only)
+        if doc is not None:
+            page.check_doc(doc)
+        repeats = repeats or (suite.QUICK_REPEATS if quick else suite.REPEATS)
+        notes, results = consoles()
+        command, sections = typed_command(), []
+        for name in names:
+            notes.print(f"measuring {name} ...", style="dim")
+            section = suite.MEASUREMENTS[name](repeats, quick)
+            sections.append(section)
+            results.print(page.section_table(section))
+            for line in section.remarks:
+                results.print(line, style="dim", markup=False)
+            results.print()
+        targets = [] if quick else check_targets(sections)
+        if targets:
+            results.print(page.target_table(targets))
+        written = [page.write_result(out, sections, targets, repeats, quick, command)]
+        written += [save_picture(section, out) for section in sections if section.name == "precision"]
+        if doc is not None:
+            page.write_doc(doc, sections, targets, command)
+            written.append(doc)
+    results.print(f"\n{', '.join(map(str, written))}", markup=False, soft_wrap=True)

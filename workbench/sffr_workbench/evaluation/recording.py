@@ -1,0 +1,147 @@
+"""Recordings: what a run folder keeps of an episode of each policy, enough to replay it without simulating again.
+
+One file for each policy in the folder ``recordings``: NumPy's ``.npz`` of plain arrays and one text of JSON, so that
+reading a stranger's file runs no code.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+from urllib.parse import quote
+
+import numpy as np
+from pydantic import ValidationError
+
+from sffr_baselines.rollout import STRIDE, Trajectory
+from sffr_gym import ConfigError, Params, Simulator
+from sffr_gym.physics.actuators import pack_actuators
+from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import N_BASE, pack
+from sffr_gym.task.episode import Episode
+from sffr_gym.task.reference import Reference
+from sffr_gym.task.signals import N_SIGNALS
+from sffr_gym.types import Array
+
+RECORDINGS, SUFFIX = "recordings", ".npz"
+ABOUT = "about"  # name of the text within a file
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One episode of a policy."""
+
+    policy: str  #: names
+    scenario: str
+    seed: int  #: of the episode
+    failure: str  #: why it ended early, empty if it did not
+    period: float  #: control period [s]
+    plant: Params  #: the robot as it was
+    reference: Reference  #: the desired motion
+    t: Array  #: (rows,) times of the states [s]
+    p: Array  #: (rows, n) positions of the plant
+    applied: Array  #: (rows, n_u) command after the limits
+    limit: Array  #: (n_u,) what the actuators could give
+    B_hat: Array  #: (rows, n_p, 3) virtual damping; NaN for a policy without one
+    grasp: Array  #: (rows, n_g, 2) forces of the object on each gripper, inertial axes [N]
+    signals: Array  #: (rows, N_SIGNALS) see ``task.SIGNALS``
+    tips: Array  #: (n_ticks, n_p) transverse tip displacements at the end of every control period [m]
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Self:
+        """Keep of an episode what a replay shows."""
+        episode = trajectory.episode
+        return cls(
+            policy=trajectory.policy, scenario=trajectory.scenario, seed=trajectory.seed, failure=trajectory.failure,
+            period=trajectory.period, plant=episode.plant, reference=episode.reference, t=trajectory.t,
+            p=trajectory.p, applied=trajectory.applied, limit=actuator_limits(episode),
+            B_hat=trajectory.B_hat, grasp=grasp_forces(trajectory), signals=recorded_signals(trajectory),
+            tips=trajectory.tips,
+        )  # fmt: skip
+
+    def to_bytes(self) -> bytes:
+        """Return the file's content."""
+        kept = {field.name: getattr(self, field.name) for field in fields(self)}
+        about = kept | {
+            "plant": self.plant.to_dict(),
+            "reference": self.reference._replace(joints=self.reference.joints.tolist())._asdict(),
+        }
+        arrays = {name: about.pop(name).astype(np.float32) for name in _ARRAYS}
+        file = io.BytesIO()
+        np.savez_compressed(file, allow_pickle=False, **{ABOUT: np.array(json.dumps(about))}, **arrays)
+        return file.getvalue()
+
+    @classmethod
+    def read(cls, file: Path) -> Self:
+        """Read a file.
+
+        Raises:
+            ConfigError: if it is no recording, or is damaged.
+        """
+        try:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
+                about = json.loads(str(kept[ABOUT]))
+                arrays = {name: kept[name].astype(np.float64) for name in _ARRAYS}
+            reference = Reference(**about["reference"] | {"joints": np.array(about["reference"]["joints"])})
+            recording = cls(**about | arrays | {"plant": Params(**about["plant"]), "reference": reference})
+            recording._check()
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, ValidationError) as error:
+            raise ConfigError(f"{file}: no recording, or damaged: {error}") from None
+        return recording
+
+    def _check(self) -> None:
+        """Raise ValueError where arrays do not fit each other or the robot."""
+        model, rows = pack(self.plant), len(self.t)
+        n_p, n_u = len(model.panel_root), len(self.limit)
+        shapes = {
+            "p": (rows, N_BASE + len(model.link_mass) + model.omega2.size + N_BASE * (model.object_mass > 0.0)),
+            "applied": (rows, n_u), "B_hat": (rows, n_p, 3), "grasp": (rows, len(model.grasp_arm), 2),
+            "signals": (rows, N_SIGNALS), "tips": (len(self.tips), n_p),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has the shape {getattr(self, name).shape} instead of {shape}")
+
+
+_ARRAYS = tuple(field.name for field in fields(Recording) if field.type == "Array")
+
+
+def recording_file(folder: Path, policy: str) -> Path:
+    """Return where a run folder keeps the recording of a policy, whose name may be a path."""
+    return folder / RECORDINGS / (quote(policy, safe="") + SUFFIX)
+
+
+def recording_files(folder: Path) -> list[Path]:
+    """Return the recordings of a run folder, sorted by the policies' names."""
+    return sorted((folder / RECORDINGS).glob("*" + SUFFIX))
+
+
+def actuator_limits(episode: Episode) -> Array:
+    """Return what the plant's actuators can give in an episode (n_u,), faults included."""
+    actuators = pack_actuators(episode.plant, pack(episode.plant))
+    return actuators.limit * episode.health.left(actuators)
+
+
+def recorded_signals(trajectory: Trajectory) -> Array:
+    """Return the signals (rows, N_SIGNALS) of the recorded states, each that of the end of the period before."""
+    return trajectory.signals[np.maximum(np.arange(len(trajectory.t)) * STRIDE - 1, 0)]
+
+
+def grasp_forces(trajectory: Trajectory) -> Array:
+    """Return the forces (rows, n_g, 2) of the object on each gripper, inertial axes [N]; computed if not recorded."""
+    if np.isfinite(trajectory.lam).all():
+        return np.stack([lam @ rotation(p[2]).T for lam, p in zip(trajectory.lam, trajectory.p, strict=True)])
+    sim = Simulator(trajectory.episode.plant)
+    n_p, n_c = sim.actuators.K_PZ.shape[::2]
+    forces = np.zeros_like(trajectory.lam)
+    for row, applied in enumerate(trajectory.applied):
+        volts, rest = np.split(applied, [n_p * n_c])
+        state = sim.unflatten(trajectory.t[row], trajectory.p[row], trajectory.v[row])
+        forces[row] = sim.grasp_forces(
+            state, base=rest[:N_BASE], joints=rest[N_BASE:], piezo_volts=volts.reshape(n_p, n_c)
+        )
+    return forces

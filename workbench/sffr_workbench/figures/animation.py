@@ -1,0 +1,252 @@
+"""Animations of one policy, or of two side by side in the same episode, as GIF or MP4."""
+
+from __future__ import annotations
+
+import io
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sffr_baselines.rollout import Trajectory, rollout
+from sffr_baselines.suppression import TRANSVERSE
+from sffr_gym import ConfigError
+from sffr_gym.config.files import write_whole
+from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
+from sffr_gym.physics.kinematics import tip_deflections
+from sffr_gym.physics.model import pack
+from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.signals import ERROR, VIBRATION
+from sffr_gym.types import Array
+from sffr_workbench.common import Progress, ignore, require
+from sffr_workbench.evaluation import check_file, episode_progress, make_policies, recorded_signals
+from sffr_workbench.figures.style import policy_colours
+
+if TYPE_CHECKING:
+    from sffr_gym.render.renderer import Renderer, Snapshot, Style
+
+FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it, and the extra that brings that
+MAX_POLICIES = 2  # beside each other
+GAP = 4  # pixels between them
+RATES = (1, 2, 4, 5, 10, 20, 25, 50)  # pictures a second whose time is a whole number of a GIF's hundredths
+GIF_COLOURS = 96
+SAMPLES = 12  # pictures from which a GIF's colours are chosen
+TITLES = {"none": "no suppression", "hsc": "HSC", "ahsc": "AHSC", "ahsc-filtered": "AHSC, filtered", "lqr": "LQR"}
+
+
+@dataclass(frozen=True)
+class MovieOptions:
+    """How an episode becomes a moving picture."""
+
+    speed: float = 4.0  #: times real time
+    fps: int = 20  #: pictures a second
+    duration: float | None = None  #: of the episode to show [s]; None for all of it
+    size: int = 600  #: pixels of either side of a policy's picture
+    exaggeration: float = 5.0  #: factor of the drawn deflections
+
+    def check(self, out: Path, overwrite: bool) -> None:
+        """Make sure, before anything runs, that a file can be made this way.
+
+        Raises:
+            ConfigError: if not; it says what would be right.
+        """
+        if out.suffix not in FORMATS:
+            raise ConfigError(f"{out}: the name must end in {' or '.join(FORMATS)}")
+        for module, extra in FORMATS[".gif"], FORMATS[out.suffix]:
+            require(extra, module)
+        check_file(out, overwrite)
+        if out.suffix == ".gif" and self.fps not in RATES:
+            rates = ", ".join(map(str, RATES))
+            raise ConfigError(
+                f"fps = {self.fps}: a GIF counts in hundredths of a second, so one of {rates}; MP4 takes any"
+            )
+        limits = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
+        for name, (low, high) in limits.items():
+            if not low <= getattr(self, name) <= high:
+                raise ConfigError(f"{name} = {getattr(self, name):g}: must be from {low:g} to {high:g}")
+        if self.duration is not None and not self.duration > 0.0:
+            raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s")
+
+
+def animate(
+    policies: Sequence[str],
+    out: Path,
+    scenario: str | os.PathLike[str] = "nominal",
+    seed: int = EVALUATION_SEED,
+    params: ParamsLike = None,
+    overrides: Sequence[str] = (),
+    options: MovieOptions = MovieOptions(),
+    overwrite: bool = False,
+    progress: Progress = ignore,
+) -> list[Trajectory]:
+    """Run policies in the same episode and write the moving picture.
+
+    Args:
+        policies: one or two.
+        out: file to write, ``.gif`` or ``.mp4``.
+        scenario: a shipped scenario's name or a file.
+        seed: of the episode.
+        params: a ``Params`` object, a file, or None for the case study; the robot as controllers know it.
+        overrides: assignments such as ``"panel.EI=25"`` on top of them.
+        options: how it is shown.
+        overwrite: whether the file may be replaced.
+        progress: called with what is being done, how much of it is done, and how much there is to do.
+
+    Returns:
+        The episodes.
+
+    Raises:
+        ConfigError: for anything that is not valid; nothing has run then.
+    """
+    options.check(out, overwrite)
+    resolved = resolve_params(params, list(overrides))
+    runners = make_policies(policies, resolved)
+    if len(runners) > MAX_POLICIES:
+        raise ConfigError(f"{len(runners)} policies: at most {MAX_POLICIES} fit side by side")
+    if seed < 0:
+        raise ConfigError(f"seed = {seed}: must be at least 0")
+    progress(runners[0].name, 0, 0)  # what follows may have to compile
+    env, trajectories = SFFRFlexEnv(scenario, resolved), []
+    env.reset(seed=seed)
+    for runner in runners:
+        progress(runner.name, 0, env.ticks)
+        trajectories.append(rollout(env, runner, seed, episode_progress(progress, runner.name, 0, env.ticks)))
+    movie = Movie(trajectories, options)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write = {".gif": gif, ".mp4": mp4}[out.suffix]
+    write_whole(out, write(movie, options.fps, lambda k: progress("drawing", k, len(movie))))
+    return trajectories
+
+
+class Movie:
+    """The pictures of trajectories side by side, in any order; its length is their number.
+
+    Args:
+        trajectories: of the same episode.
+        options: how they are shown.
+    """
+
+    def __init__(self, trajectories: Sequence[Trajectory], options: MovieOptions) -> None:
+        longest = max(trajectory.t[-1] for trajectory in trajectories)
+        end = longest if options.duration is None else min(options.duration, longest)
+        self._step = options.speed / options.fps  # s between two pictures
+        self._count = max(round(end / self._step), 1)
+        damped = any(np.nan_to_num(trajectory.B_hat[:, :, TRANSVERSE]).any() for trajectory in trajectories)
+        self._snapshots = [Snapshots(trajectory, damped) for trajectory in trajectories]
+        self._renderers = self._side_by_side(trajectories, options, end)
+
+    def __len__(self) -> int:
+        """Return the number of pictures."""
+        return self._count
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """Draw all pictures."""
+        return (self[k] for k in range(self._count))
+
+    def __getitem__(self, k: int) -> np.ndarray:
+        """Draw picture ``k`` (height, width, 3), uint8."""
+        t = k * self._step
+        pictures = [
+            renderer(snapshots(t)) for renderer, snapshots in zip(self._renderers, self._snapshots, strict=True)
+        ]
+        gap = np.full((len(pictures[0]), GAP, 3), 60, dtype=np.uint8)
+        return np.hstack([part for picture in pictures for part in (gap, picture)][1:])
+
+    def _side_by_side(self, trajectories: Sequence[Trajectory], options: MovieOptions, end: float) -> list[Renderer]:
+        """Return what draws each, with the same ranges in their plots."""
+        from sffr_gym.render.renderer import Renderer, Style  # Pillow is optional
+
+        colours = policy_colours(trajectory.policy for trajectory in trajectories)
+
+        def renderer(trajectory: Trajectory, style: Style) -> Renderer:
+            title = TITLES.get(trajectory.policy, trajectory.policy)
+            subtitle = f"{trajectory.scenario}   {options.speed:g}x real time"
+            own = style._replace(colour=_brightened(colours[trajectory.policy]))
+            return Renderer(trajectory.episode.plant, trajectory.reference, title, subtitle, own)
+
+        style = Style(options.size, options.exaggeration, end)
+        together = np.vstack([each.trace[each.trace[:, 0] <= end] for each in self._snapshots])
+        plots = renderer(trajectories[0], style).plots(self._snapshots[0](0.0)._replace(trace=together))
+        style = style._replace(axes={plot.title: plot.axis for plot in plots})
+        return [renderer(trajectory, style) for trajectory in trajectories]
+
+
+class Snapshots:
+    """Snapshots of a trajectory at any time: straight lines between its recorded states; its end ever after.
+
+    Args:
+        trajectory: what happened.
+        damped: whether the virtual damping belongs to what is plotted.
+
+    Attributes:
+        trace: (rows, columns) what pictures plot; see :mod:`sffr_gym.render.trace`.
+    """
+
+    def __init__(self, trajectory: Trajectory, damped: bool) -> None:
+        self._trajectory = trajectory
+        tips = tip_deflections(pack(trajectory.episode.plant), trajectory.p)
+        columns = [trajectory.t, *recorded_signals(trajectory)[:, [ERROR, VIBRATION]].T, *tips.T]
+        self.trace = np.column_stack([*columns, *(trajectory.B_hat[:, :, TRANSVERSE].T if damped else ())])
+
+    def __call__(self, t: float) -> Snapshot:
+        """Return the snapshot at a time [s]."""
+        from sffr_gym.render.renderer import Snapshot  # Pillow is optional
+
+        kept = self._trajectory
+        t = min(t, float(kept.t[-1]))
+        row = min(int(np.searchsorted(kept.t, t, side="right")), len(kept.t) - 1)
+        before = max(row - 1, 0)
+        share = (t - kept.t[before]) / (kept.t[row] - kept.t[before]) if row > before else 0.0
+
+        def between(values: Array) -> Array:
+            return (1.0 - share) * values[before] + share * values[row]
+
+        trace = np.vstack([self.trace[: before + 1], between(self.trace)])
+        failure = kept.failure if t >= kept.t[-1] else ""
+        return Snapshot(t, between(kept.p), between(kept.v), between(kept.applied), trace, failure)
+
+
+def gif(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
+    """Encode the pictures as a GIF that repeats for ever, in colours chosen once for all of them."""
+    from PIL import Image  # optional
+
+    chosen = np.unique(np.linspace(0, len(movie) - 1, SAMPLES).round().astype(int))
+    sample = Image.fromarray(np.vstack([movie[k] for k in chosen]))
+    palette = sample.quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
+
+    def pictures() -> Iterator[Image.Image]:
+        for k, picture in enumerate(movie):
+            progress(k)
+            yield Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+
+    each, file = pictures(), io.BytesIO()
+    next(each).save(file, "GIF", save_all=True, append_images=each, duration=1000 // fps, loop=0, optimize=True)
+    return file.getvalue()
+
+
+def mp4(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
+    """Encode the pictures as H.264 in an MP4 that browsers start to play while they load it."""
+    import av  # optional
+
+    height, width = (side // 2 * 2 for side in movie[0].shape[:2])  # the format wants even sides
+    with tempfile.TemporaryDirectory() as folder:  # moving the index to the front takes a file
+        file = Path(folder) / "movie.mp4"
+        with av.open(str(file), "w", options={"movflags": "faststart"}) as container:
+            stream = container.add_stream("libx264", rate=fps, options={"crf": "20"})
+            stream.pix_fmt, stream.height, stream.width = "yuv420p", height, width
+            for k, picture in enumerate(movie):
+                progress(k)
+                even = np.ascontiguousarray(picture[:height, :width])
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+            container.mux(stream.encode())
+        return file.read_bytes()
+
+
+def _brightened(colour: str) -> tuple[int, int, int]:
+    """Return a colour ``#rrggbb`` of the figures, brightened for a dark ground."""
+    red, green, blue = (round(255 - 0.62 * (255 - int(colour[at : at + 2], 16))) for at in (1, 3, 5))
+    return red, green, blue

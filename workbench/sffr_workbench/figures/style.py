@@ -1,0 +1,91 @@
+"""How figures look, whatever they show: style, colours, axes, files. matplotlib is imported where it is used."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sffr_gym.config.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI = 150
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+POLICY_COLOURS = {
+    "none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7",
+    "hsc-tuned": "#56B4E9", "lqr": "#E69F00",
+}  # fmt: skip
+OTHER_COLOURS = ("#882255", "#44AA99", "#000000", "#999933", "#332288")  # of further policies, in turn
+SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # of quantities that are no policies
+STYLE: dict[Any, Any] = {
+    "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9, "axes.grid": True,
+    "grid.color": "#E6E6E6", "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": "#555555", "axes.axisbelow": True, "legend.frameon": False, "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4),
+}  # fmt: skip
+
+Painter = Callable[..., "Figure | None"]  # None where there is nothing to show
+
+
+def policy_colours(policies: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each policy, the same in every figure for those that are shipped."""
+    others = [policy for policy in policies if policy not in POLICY_COLOURS]
+    return POLICY_COLOURS | {policy: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, policy in enumerate(others)}
+
+
+def save_figures(folder: Path, painters: Mapping[str, Painter], *data: Any) -> list[Path]:
+    """Draw figures and write them as PNG.
+
+    Args:
+        folder: made if need be.
+        painters: by file name.
+        data: what they draw.
+
+    Returns:
+        The files; a figure without anything to show has none.
+
+    Raises:
+        ModuleNotFoundError: without matplotlib.
+    """
+    import matplotlib as mpl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    with mpl.rc_context(STYLE):
+        for name, paint in painters.items():
+            if (figure := paint(*data)) is not None:
+                files.append(write_whole(folder / name, png(figure)))
+    return files
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as the content of a PNG file."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=DPI)
+    return picture.getvalue()
+
+
+def canvas(rows: int, columns: int, height: float, **sharing: Any) -> tuple[Figure, Any]:
+    """Return a figure of the usual width and its axes (rows, columns)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
+
+
+def legend(figure: Figure, axes: Axes, **options: Any) -> Figure:
+    """Put one legend above everything, of the lines in ``axes``."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), **options)
+    figure.align_ylabels()
+    return figure
+
+
+def title_with_limit(axes: Axes, name: str, limit: float, unit: str) -> None:
+    """Write what is drawn above axes, and its limit, which would squash the curves as a line."""
+    axes.set_title(f"{name} [{unit}]", loc="left")
+    axes.set_title(f"limit \u00b1{limit:g} {unit}", loc="right", color="#777777", fontsize=8)

@@ -1,0 +1,74 @@
+"""The report: one HTML file that holds everything, scripts and pictures too, and asks the network for nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sffr_gym import ConfigError
+from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.config.provenance import package_version
+from sffr_workbench.common import template
+from sffr_workbench.evaluation import check_file
+from sffr_workbench.figures import policy_colours
+from sffr_workbench.report.replay import episode_data, group_by_episode
+from sffr_workbench.report.runs import Run, read_run
+
+REPORT_FILE = "report.html"
+STYLES = ("style.css",)
+# One module in the page, in this order: a file may use what those before it define.
+SCRIPTS = (
+    "theme.js", "recording.js", "robot.js", "scene.js", "panel_view.js", "chart.js", "time_chart.js", "summaries.js",
+    "replay.js", "main.js",
+)  # fmt: skip
+
+
+def write_report(folders: Sequence[Path], out: Path, overwrite: bool = False) -> Path:
+    """Write the report of finished runs.
+
+    Args:
+        folders: that ``sffr evaluate`` or ``sffr benchmark`` left.
+        out: the file to write; its folder is made if need be.
+        overwrite: whether it may be replaced.
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigError: if a folder holds no finished run, is given twice, or the file is there already.
+        ModuleNotFoundError: without jinja2.
+    """
+    check_file(out, overwrite)
+    real = [folder.resolve() for folder in folders]
+    for folder in real:
+        if real.count(folder) > 1:
+            raise ConfigError(f"{folder}: is given twice")
+    text = report_page([read_run(folder) for folder in folders])
+    out.parent.mkdir(parents=True, exist_ok=True)
+    return write_whole(out, text.encode())
+
+
+def report_page(runs: Sequence[Run]) -> str:
+    """Return the report as HTML."""
+    from markupsafe import Markup  # optional
+
+    return template("sffr_workbench.report").render(
+        runs=runs, episodes=_episodes(runs), manifests=[to_json(run.manifest) for run in runs],
+        title=", ".join(dict.fromkeys(result.scenario for run in runs for result in run.results)),
+        version=package_version("sffr-gym"), style=Markup(_texts(STYLES)), script=Markup(_texts(SCRIPTS)),
+    )  # fmt: skip
+
+
+def _episodes(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return what the replay can show, a colour for each policy in all of them."""
+    groups = group_by_episode([(run.name, recording) for run in runs for recording in run.recordings])
+    colours = policy_colours(dict.fromkeys(name for members in groups for name in members))
+    return [episode_data(members, colours) for members in groups]
+
+
+def _texts(names: Sequence[str]) -> str:
+    """Join files of the package."""
+    folder = resources.files("sffr_workbench.report") / "templates"
+    return "\n".join((folder / name).read_text(encoding="utf-8") for name in names)

@@ -1,0 +1,166 @@
+"""Run folders as the page shows them: score tables, pictures, manifest, recordings."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sffr_gym import ConfigError
+from sffr_gym.config.provenance import MANIFEST
+from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.score import REFERENCE, Result, costs
+from sffr_workbench import benchmark
+from sffr_workbench.benchmark import by_scenario
+from sffr_workbench.common import describe_commit, describe_versions, format_number, plural, png_uri, prefixed_unit
+from sffr_workbench.evaluation import COLUMNS, FIGURE_FILES, Recording, read_episodes, recording_files
+
+IMAGES = ("", "images")  # folders in a run's with its figures
+TITLES = {
+    "path.png": "The robot on its path", "tracking.png": "Tracking", "panels.png": "The panels",
+    "damping.png": "Virtual damping", "forces.png": "Actuators", "benchmark-intervals.png": "Costs with 95 % intervals",
+    "benchmark-profiles.png": "Performance profiles", "benchmark-differences.png": "Paired differences to AHSC",
+}  # fmt: skip
+
+
+class Cell(NamedTuple):
+    """A number of the score table, and how much of the column's largest it is."""
+
+    text: str
+    share: float
+
+
+class ScoreTable(NamedTuple):
+    """Numbers of policies."""
+
+    title: str  #: what they are of
+    heads: list[tuple[str, str]]  #: of the columns, each with its unit
+    rows: list[tuple[str, list[Cell], int]]  #: policy, cells, failed episodes
+    vibration: dict[str, float]  #: mean energy of each policy [J], in a table of one scenario
+
+    @property
+    def verdict(self) -> str:
+        """Return which policy calms the panels, in a sentence; empty where there is nothing to compare."""
+        finished = {policy for policy, _, failed in self.rows if not failed}
+        sound = {policy: energy for policy, energy in self.vibration.items() if policy in finished}
+        if len(sound) < 2:
+            return ""
+        best, worst = min(sound, key=sound.__getitem__), max(sound, key=sound.__getitem__)
+        if not sound[best] > 0.0:
+            return f"{best} leaves the panels without any vibration."
+        unit, scale = prefixed_unit("J", sound[best])
+        times = format_number(sound[worst] / sound[best])
+        energy = f"{format_number(sound[best] / scale)} {unit}"
+        return f"{best} keeps the panels calmest: {energy} of vibration on average, {times} times less than {worst}."
+
+
+class EmbeddedFigure(NamedTuple):
+    """A figure of a run, its file as a data URI."""
+
+    title: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run."""
+
+    name: str  #: of its folder
+    results: list[Result]  #: all its episodes
+    manifest: dict[str, Any]  #: how to repeat it
+    figures: list[EmbeddedFigure]  #: that it drew
+    recordings: list[Recording]  #: of an episode of each policy, in the manifest's order
+
+    @functools.cached_property
+    def tables(self) -> list[ScoreTable]:
+        """Return a table for each scenario."""
+        return [score_table(name, group) for name, group in by_scenario(self.results).items()]
+
+    @property
+    def overview(self) -> ScoreTable | None:
+        """Return the costs in all scenarios; None for a single one, or without the reference policy."""
+        groups = by_scenario(self.results)
+        if len(groups) < 2 or any(REFERENCE not in group for group in groups.values()):
+            return None
+        columns = [_cells(costs(group), 1.0) for group in groups.values()]
+        failed = Counter(result.policy for result in self.results if result.failure)
+        policies = dict.fromkeys(result.policy for result in self.results)
+        rows = [
+            (policy, [column.get(policy, Cell("", 0.0)) for column in columns], failed[policy]) for policy in policies
+        ]
+        return ScoreTable("cost in each scenario", [(name, f"{REFERENCE} = 1") for name in groups], rows, {})
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Return what of the manifest people look for first."""
+        found = {
+            "command": self.manifest.get("command", ""),
+            "started": self.manifest.get("started", ""),
+            "took": f"{format_number(self.manifest.get('duration_s', float('nan')))} s",
+            "commit": describe_commit(self.manifest.get("git")),
+            "versions": describe_versions(self.manifest.get("versions") or {}),
+            "machine": f"{self.manifest.get('platform', '')}, {self.manifest.get('cpus', '?')} processors",
+        }
+        return {name: text for name, text in found.items() if text}
+
+
+def read_run(folder: Path) -> Run:
+    """Read a run folder that ``sffr evaluate`` or ``sffr benchmark`` left.
+
+    Raises:
+        ConfigError: if it holds no finished run, or a damaged file.
+    """
+    results = read_episodes(folder)
+    file = folder / MANIFEST
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigError(f"{file}: no manifest of a run: {error}") from None
+    order = {policy: k for k, policy in enumerate(manifest.get("policies", ()))}
+    recordings = sorted(
+        map(Recording.read, recording_files(folder)), key=lambda each: order.get(each.policy, len(order))
+    )
+    return Run(folder.resolve().name, results, manifest, embedded_figures(folder), recordings)
+
+
+def embedded_figures(folder: Path) -> list[EmbeddedFigure]:
+    """Read the figures of a run folder."""
+    files = [folder / sub / name for name in (*FIGURE_FILES, *benchmark.FIGURE_FILES) for sub in IMAGES]
+    return [EmbeddedFigure(TITLES[file.name], png_uri(file.read_bytes())) for file in files if file.is_file()]
+
+
+def score_table(scenario: str, group: Mapping[str, Sequence[Result]]) -> ScoreTable:
+    """Return the table of one scenario; the cost stands first where AHSC took part."""
+    whole = [policy for policy, results in group.items() if not any(each.failure for each in results)] or list(group)
+    heads, columns = [], []
+    if REFERENCE in group:
+        heads.append(("cost", f"{REFERENCE} = 1"))
+        columns.append(_cells(costs(group), 1.0))
+    means: dict[str, dict[str, float]] = {}
+    for column in sorted(COLUMNS, key=lambda column: column.measure != "vibration"):  # first what the verdict is about
+        values = {name: float(np.mean([each.measures[column.measure] for each in own])) for name, own in group.items()}
+        means[column.measure] = values
+        unit, scale = prefixed_unit(MEASURES[column.measure], max(values[policy] for policy in whole))
+        heads.append((column.title, unit))
+        columns.append(_cells(values, scale))
+    rows = [
+        (policy, [cells[policy] for cells in columns], sum(bool(each.failure) for each in results))
+        for policy, results in group.items()
+    ]
+    episodes = plural(max(map(len, group.values())), "episode")
+    return ScoreTable(f"{scenario}: {episodes} of each policy", heads, rows, means["vibration"])
+
+
+def _cells(values: Mapping[str, float], scale: float) -> dict[str, Cell]:
+    """Return a column's cells by policy."""
+    largest = max((value for value in values.values() if np.isfinite(value)), default=0.0)
+    return {
+        policy: Cell(format_number(value / scale), value / largest if np.isfinite(value) and largest > 0.0 else 0.0)
+        for policy, value in values.items()
+    }

@@ -1,0 +1,71 @@
+"""The work of ``sffr reproduce``: run, test the claims, draw, and leave a folder."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.config.provenance import PACKAGES, git_state, package_version
+from sffr_workbench.common import Progress, describe_commit, describe_versions
+from sffr_workbench.figures.style import STYLE, png
+from sffr_workbench.reproduce.adaptation_figures import adaptation_figures
+from sffr_workbench.reproduce.cases import run_cases
+from sffr_workbench.reproduce.claims import Claim, assess_claims
+from sffr_workbench.reproduce.cross_checks import run_cross_checks
+from sffr_workbench.reproduce.page import claims_data, claims_markdown, claims_page
+from sffr_workbench.reproduce.paper_figures import paper_figures
+from sffr_workbench.reproduce.piezo_figure import piezo_figure
+from sffr_workbench.reproduce.stability_figure import stability_figure
+
+PAGE_FILE, MARKDOWN_FILE, CLAIMS_FILE = "index.html", "claims.md", "claims.json"
+
+
+def reproduce(
+    folder: Path, command: Sequence[str], duration: float | None, progress: Progress
+) -> tuple[list[Claim], list[Path]]:
+    """Run everything and write pictures, claims and page; the claims' JSON last, as the sign of a finished run.
+
+    Args:
+        folder: made if need be.
+        command: the command line as typed.
+        duration: of each run [s]; None for once around the circle.
+        progress: called with what is being done.
+
+    Returns:
+        The claims and the files, in the order in which they were written.
+
+    Raises:
+        ModuleNotFoundError: without matplotlib.
+    """
+    import matplotlib as mpl
+
+    runs = run_cases(duration, progress)
+    progress("the independent codes", 1, 2)
+    claims = assess_claims(runs, run_cross_checks())
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / CLAIMS_FILE).unlink(missing_ok=True)
+    with mpl.rc_context(STYLE):
+        figures = paper_figures(runs) + adaptation_figures(runs)
+        figures += [stability_figure(runs.params), piezo_figure(runs.params)]
+        pngs = {}
+        for done, each in enumerate(figures):
+            progress(each.title, done, len(figures))
+            pngs[each.file] = png(each.figure)
+    texts = {
+        PAGE_FILE: claims_page(claims, figures, pngs, note(command, duration)),
+        MARKDOWN_FILE: claims_markdown(claims),
+        CLAIMS_FILE: to_json(claims_data(claims) | {"command": shlex.join(command), "duration_s": duration}),
+    }
+    contents = pngs | {name: text.encode() for name, text in texts.items()}
+    return claims, [write_whole(folder / name, content) for name, content in contents.items()]
+
+
+def note(command: Sequence[str], duration: float | None) -> str:
+    """Return what was run, on which versions."""
+    versions = describe_versions({name: package_version(name) for name in PACKAGES})
+    git = git_state(Path(__file__).parent)
+    commit = f"; commit {describe_commit(git)}" if git else ""
+    cut = f" Cut to {duration:g} s of each run: claims about the whole circle are not settled." if duration else ""
+    return f"{shlex.join(command)}; {versions}{commit}.{cut}"

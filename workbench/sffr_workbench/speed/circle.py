@@ -1,0 +1,150 @@
+"""The common ground of the physics: the case study on its circle under AHSC, and our simulator's drive around it.
+
+Open-loop forces would not do: the two arms and the object are an unstable chain, in which rounding errors grow from
+1e-16 to millimetres within the circle. So every engine closes the loop with the same law, and what is timed is the
+engine's part alone.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_baselines import make_policy
+from sffr_baselines.closed_loop import Law, Record, loop_shapes, make_record, run
+from sffr_baselines.laws import LawPolicy
+from sffr_gym.compile.workspace import allocate, new_workspace
+from sffr_gym.config.params import Params
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.actuators import generalized_forces, saturate
+from sffr_gym.physics.integrator import ETDRK4, step_shapes
+from sffr_gym.physics.kinematics import tip_deflections
+from sffr_gym.physics.model import joint_slice, object_slice
+from sffr_gym.task.control_period import observe_state, period_shapes
+from sffr_gym.task.episode import Episode
+from sffr_gym.task.reference import Reference
+from sffr_gym.task.signals import N_SIGNALS
+from sffr_gym.task.status import RUNNING
+from sffr_gym.task.task_model import TaskModel
+from sffr_gym.types import Array
+from sffr_workbench.speed.kernels.loops import forces_of, replay
+
+CHECKPOINTS = 50  # of the circle, at which engines are compared
+
+
+class Course(NamedTuple):
+    """The start of the circle."""
+
+    params: Params  #: the case study
+    plant: TaskModel
+    episode: Episode
+    p: Array  #: (n,) positions and velocities at the start
+    v: Array  #: (n,)
+    obs: Array  #: (n_o,) their observation
+    ticks: int  #: control periods to the end
+
+    @property
+    def reference(self) -> Reference:
+        """The desired motion."""
+        return self.episode.reference
+
+    def control(self, plant: TaskModel, law: Law, block: Array, record: Record) -> tuple[int, int]:
+        """Drive the plant along the course in the compiled loop; return the periods that ran and the status."""
+        p, v, obs, episode = self.p.copy(), self.v.copy(), self.obs.copy(), self.episode
+        B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
+        return run(
+            plant, episode.reference, episode.sensing, episode.impulses, law, block, 0, self.ticks, p, v, obs, B_hat,
+            np.ones_like(B_hat), record,
+        )  # fmt: skip
+
+    @property
+    def every(self) -> int:
+        """Control periods between two checkpoints."""
+        return max(self.ticks // CHECKPOINTS, 1)
+
+
+class Drive(NamedTuple):
+    """What an engine did on the course."""
+
+    seconds: float  #: time that its physics took [s]
+    rigid: Array  #: (rows, 12) base pose, joint angles and pose of the object at the checkpoints [m, rad]
+    tips: Array  #: (rows, n_p) transverse displacement of the panels' tips there [m]
+
+
+def make_course(seconds: float | None = None, *overrides: str) -> Course:
+    """Return the first ``seconds`` of the case study, changed by ``overrides``, or all of its circle."""
+    env = SFFRFlexEnv(overrides=overrides)
+    obs, _ = env.reset(seed=0)
+    ticks = env.scenario.ticks(env.params) if seconds is None else round(seconds / env.plant_task.period)
+    return Course(env.params, env.plant_task, env.episode, env.positions, env.velocities, obs, ticks)
+
+
+def shared_coordinates(course: Course, p: Array) -> tuple[Array, Array]:
+    """Return ``rigid`` and ``tips`` of a :class:`Drive`, of positions (rows, n)."""
+    model = course.plant.model
+    rigid = np.concatenate([p[:, : joint_slice(model).stop], p[:, object_slice(model)]], axis=1)
+    return rigid, tip_deflections(model, p)
+
+
+def relative_errors(drive: Drive, reference: Drive) -> Array:
+    """Return the error (rows,) at the checkpoints: of the rigid coordinates or of the tips, whichever is larger.
+
+    Each relative to the largest norm of its coordinates along the course.
+    """
+    pairs = (drive.rigid, reference.rigid), (drive.tips, reference.tips)
+    errors = [np.linalg.norm(own - true, axis=1) / np.linalg.norm(true, axis=1).max() for own, true in pairs]
+    return np.asarray(np.maximum(*errors))
+
+
+def close_loop(course: Course, integrator: int = ETDRK4, steps: int = 1) -> Array:
+    """Drive the course in the compiled loop and return the generalised forces (ticks, n) of every period.
+
+    Raises:
+        RuntimeError: if the episode ends before the course does.
+    """
+    plant, ticks = course.plant._replace(integrator=integrator, steps=steps), course.ticks
+    law, record = _law(course).law, make_record(plant, ticks, 1)
+    done, outcome = course.control(plant, law, allocate(loop_shapes(plant, law))[0], record)
+    if outcome != RUNNING:
+        raise RuntimeError(f"the drive ended in period {done} of {ticks}")
+    forces = np.zeros((ticks, plant.model.at.end))
+    forces_of(plant.model, plant.actuators, record.applied, forces)
+    return forces
+
+
+def drive(course: Course, forces: Array, integrator: int = ETDRK4, steps: int = 1) -> Drive:
+    """Repeat a drive from its forces, physics alone; with the same integrator and steps it is the same to the bit."""
+    model, p, v = course.plant.model, course.p.copy(), course.v.copy()
+    kept, block = np.zeros((len(forces) // course.every, len(p))), allocate(step_shapes(model))[0]
+    rest = course.plant.period, steps, integrator, block, p, v, course.every, kept
+    replay(model, forces[:0], *rest)  # compiled, or loaded, before the clock starts
+    start = perf_counter()
+    replay(model, forces, *rest)
+    elapsed = perf_counter() - start
+    return Drive(elapsed, *shared_coordinates(course, kept))
+
+
+class Controller:
+    """AHSC for an engine that Python steps: positions and velocities in, what the actuators do out, once a period."""
+
+    def __init__(self, course: Course) -> None:
+        self._course, self._law = course, _law(course)
+        self._work, self._obs = new_workspace(period_shapes(course.plant)), course.obs.copy()
+        self._signals = np.zeros(N_SIGNALS)
+        self.applied = np.zeros(len(course.plant.scale))  # piezo volts, base wrench (base axes), joint torques
+        self.tau = np.zeros(len(course.p))  # the same as generalised forces
+
+    def __call__(self, tick: int, p: Array, v: Array) -> None:
+        """Set ``applied`` and ``tau`` for the period that starts now."""
+        course, plant = self._course, self._course.plant
+        observe_state(plant, course.reference, tick * plant.period, p, v, self._work, self._obs, self._signals)
+        saturate(plant.actuators, self._law(self._obs) * plant.scale, self.applied)
+        generalized_forces(plant.model, plant.actuators, self.applied, self.tau)
+
+
+def _law(course: Course) -> LawPolicy:
+    law = make_policy("ahsc", course.params)
+    assert isinstance(law, LawPolicy)
+    return law

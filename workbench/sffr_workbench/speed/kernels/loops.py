@@ -1,0 +1,93 @@
+"""Compiled loops around the kernels, so that what is timed is thousands of them and not the call from Python."""
+
+from __future__ import annotations
+
+from math import cos, sqrt
+
+from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.linalg import assign
+from sffr_gym.compile.workspace import workspace
+from sffr_gym.physics.actuators import generalized_forces
+from sffr_gym.physics.dynamics import accelerations, work_shapes
+from sffr_gym.physics.integrator import advance, step_shapes
+from sffr_gym.task.control_period import observe_state, period_shapes
+
+
+@kernel
+def replay(model, forces, period, steps, integrator, block, p, v, every, kept):
+    """Advance the plant in place under recorded forces: row k of ``forces`` (n_ticks, n) is held for period k.
+
+    block: memory of :func:`advance`.
+    every: periods between two positions that are written to ``kept`` (rows, n), the first after ``every`` periods.
+    """
+    work = workspace(block, step_shapes(model))
+    for tick in range(len(forces)):
+        advance(model, p, v, forces[tick], period, steps, integrator, work)
+        if (tick + 1) % every == 0:
+            assign(kept[(tick + 1) // every - 1], p)
+
+
+@kernel
+def forces_of(model, actuators, applied, forces):
+    """Write the generalised forces (n_ticks, n) of applied commands (n_ticks, n_u)."""
+    for tick in range(len(applied)):
+        generalized_forces(model, actuators, applied[tick], forces[tick])
+
+
+@kernel
+def solve_motion(model, p, v, tau, block, out, count):
+    """Solve the equations of motion ``count`` times, each at another heading so that nothing can be left out."""
+    work = workspace(block, work_shapes(model))
+    for _ in range(count):
+        p[2] += 1.0e-9
+        accelerations(model, p, v, tau, work, out, False, True)
+
+
+@kernel
+def observe_often(plant, reference, p, v, block, obs, signals, count):
+    """Observe and measure a state ``count`` times, each at another time."""
+    work = workspace(block, period_shapes(plant))
+    for k in range(count):
+        observe_state(plant, reference, k * plant.period, p, v, work, obs, signals)
+
+
+@kernel
+def multiply_add(x, a, b, passes):
+    """Two operations on each of many independent numbers: what the machine can do at best."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = x[i] * a + b
+
+
+@kernel
+def multiply_add_chain(x, a, b, passes):
+    """Two operations on one number, each of which waits for the one before."""
+    y = x[0]
+    for _ in range(passes):
+        for _ in range(len(x)):
+            y = y * a + b
+    x[0] = y
+
+
+@kernel
+def divide(x, a, b, passes):
+    """One division of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = a / x[i]
+
+
+@kernel
+def square_root(x, a, b, passes):
+    """One square root of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = sqrt(x[i])
+
+
+@kernel
+def cosine(x, a, b, passes):
+    """One cosine of each of many numbers."""
+    for _ in range(passes):
+        for i in range(len(x)):
+            x[i] = cos(x[i])

@@ -1,0 +1,173 @@
+"""Measurements for people and machines: tables of the terminal, JSON, and the generated part of ``docs/speed.md``."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+import sffr_gym
+from sffr_gym import ConfigError
+from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.config.provenance import git_state, package_version
+from sffr_workbench.common import available_cores, describe_versions, markdown_table, terminal_table
+from sffr_workbench.common.numbers import format_measurement
+from sffr_workbench.speed.measure import Row, Section
+from sffr_workbench.speed.precision import PICTURE, save_picture
+from sffr_workbench.speed.targets import Target
+
+RESULT_FILE = "bench.json"
+IMAGES = "images"  # folder of a Markdown file's pictures, beside it
+PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "mujoco", "sffr-gym")
+COLUMNS = ("", "median", "unit", "lowest", "highest", "ours is", "")
+TEXTS = (0, 2, 6)  # columns; the others hold numbers
+BEGIN, END = "<!-- written by sffr bench -->", "<!-- end -->"
+
+
+def section_table(section: Section) -> Table:
+    """Return a section for the terminal."""
+    table, rows = terminal_table(section.title), list(_cells(section))
+    shown = [k for k in range(len(COLUMNS)) if any(cells[k] for cells in rows)]
+    for k in shown:
+        table.add_column(COLUMNS[k], justify="left" if k in TEXTS else "right", no_wrap=k not in TEXTS)
+    for cells in rows:
+        table.add_row(*(Text(cells[k]) for k in shown))
+    return table
+
+
+def target_table(targets: Sequence[Target]) -> Table:
+    """Return targets for the terminal."""
+    table = terminal_table("Targets")
+    for name in ("", "measured", "required", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for target in targets:
+        verdict = Text("met", style="green") if target.met else Text("missed", style="bold red")
+        table.add_row(*map(Text, _target_cells(target)[:-1]), verdict)
+    return table
+
+
+def write_result(
+    folder: Path,
+    sections: Sequence[Section],
+    targets: Sequence[Target],
+    repeats: int,
+    quick: bool,
+    command: Sequence[str],
+) -> Path:
+    """Write everything that was measured as JSON, with machine, versions and command."""
+    result = {
+        "command": shlex.join(command),
+        "quick": quick,
+        "repeats": repeats,
+        "machine": machine(),
+        "targets": [target._asdict() | {"met": target.met} for target in targets],
+        "sections": {
+            section.name: {
+                "title": section.title,
+                "rows": [_row_entry(section, row) for row in section.rows],
+                "remarks": section.remarks,
+            }
+            for section in sections
+        },
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_whole(folder / RESULT_FILE, to_json(result).encode())
+
+
+def machine() -> dict[str, Any]:
+    """Return processor, system and versions."""
+    return {
+        "processor": _processor(),
+        "cores": available_cores(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "versions": {name: package_version(name) for name in PACKAGES},
+        "git": git_state(Path(sffr_gym.__file__).parent),
+    }
+
+
+def write_doc(file: Path, sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> None:
+    """Replace what stands between the markers of a Markdown file by the tables of this run, and its picture.
+
+    Raises:
+        ConfigError: if the file is missing or has no markers.
+    """
+    text = check_doc(file)
+    head, tail = text[: text.index(BEGIN)], text[text.index(END) :]
+    body = "\n".join(_markdown(sections, targets, command))
+    for section in sections:
+        if section.name == "precision":
+            (file.parent / IMAGES).mkdir(exist_ok=True)
+            save_picture(section, file.parent / IMAGES)
+    write_whole(file, f"{head}{BEGIN}\n\n{body}\n\n{tail}".encode())
+
+
+def check_doc(file: Path) -> str:
+    """Read a Markdown file that has the markers.
+
+    Raises:
+        ConfigError: if it is missing or has none.
+    """
+    if not file.is_file():
+        raise ConfigError(f"{file}: no such file")
+    text = file.read_text(encoding="utf-8")
+    if not 0 <= text.find(BEGIN) < text.find(END):
+        raise ConfigError(f"{file}: must hold the lines {BEGIN!r} and {END!r}, between which the tables go")
+    return text
+
+
+def _markdown(sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> Iterator[str]:
+    about = machine()
+    where = f"{about['processor']}, {about['cores']} cores"
+    yield f"`{shlex.join(command)}` on {where}, Python {about['python']}, {describe_versions(about['versions'])}."
+    if targets:
+        yield "\n" + markdown_table(["target", "measured", "required", ""], map(_target_cells, targets), texts=(0, 3))
+    for section in sections:
+        yield f"\n### {section.title}\n"
+        yield markdown_table(COLUMNS, _cells(section), TEXTS)
+        yield from (f"\n{remark}" for remark in section.remarks)
+        if section.name == "precision":
+            yield f"\n![Error at the end of the circle over time]({IMAGES}/{PICTURE})"
+
+
+def _cells(section: Section) -> Iterator[list[str]]:
+    """Return what, median, unit, lowest, highest, ratio and note of each row."""
+    for row in section.rows:
+        spread = (
+            [format_measurement(end) for end in (min(row.samples), max(row.samples))]
+            if len(row.samples) > 1
+            else ["", ""]
+        )
+        ratio = f"{format_measurement(section.ratio(row))} times" if row.versus else ""
+        yield [row.what, format_measurement(row.median), row.unit, *spread, ratio, row.note]
+
+
+def _target_cells(target: Target) -> list[str]:
+    bound = (
+        f"{'at least' if target.at_least else 'at most'} {format_measurement(target.required)} {target.unit}".rstrip()
+    )
+    return [
+        target.what,
+        f"{format_measurement(target.value)} {target.unit}".rstrip(),
+        bound,
+        "met" if target.met else "missed",
+    ]
+
+
+def _row_entry(section: Section, row: Row) -> dict[str, Any]:
+    return row.to_dict() | ({"ours_is_times": section.ratio(row)} if row.versus else {})
+
+
+def _processor() -> str:
+    """Return the processor's name where the system tells it, else its architecture."""
+    file = Path("/proc/cpuinfo")
+    if file.is_file():
+        for line in file.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,342 @@
+"""Flip the sign of each term of the equations in a copy of the sources, and see which check turns red.
+
+A term is a summand, a single value that is added up, or an entry of a tuple or array of numbers, at any depth of an
+expression, in the functions of ``TERMS``. The equations of motion are checked by sections of ``sffr verify``;
+integrators, actuators, task and control laws by those of the project's tests that know their answer from elsewhere:
+SciPy's integrators, the paper's formulas in NumPy, inverse dynamics. Run as a program it tries every flip and prints a
+table; one process is enough, since the packages are imported again from the copy after each flip and are not compiled.
+A checkout is needed.
+
+    NUMBA_DISABLE_JIT=1 python -m sffr_workbench.verify.flips [--sample] [FILE ...]
+
+Exit code 1 if a flip stays green.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import importlib
+import io
+import math
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = {"sffr_gym": ".", "sffr_baselines": "baselines", "sffr_workbench": "workbench"}  # and their folders
+
+PHYSICS, TASK, LAWS = "sffr_gym/physics", "sffr_gym/task", "baselines/sffr_baselines"
+EQUATIONS_OF_MOTION = {  # file: function: equations that it computes
+    f"{PHYSICS}/panel.py": {"condense": "45, 48", "expand": "45"},
+    f"{PHYSICS}/beam.py": {"shape_functions": "44", "beam": "45, 47"},
+    f"{PHYSICS}/monolithic.py": {
+        "panel_equations": "45, 48", "rigid_equations": "41", "root_jacobian": "49",
+        "assemble": "52", "constraint_jacobian": "8",
+    },
+    f"{PHYSICS}/kinematics.py": {
+        "base_point": "49", "arm_points": "41", "rotation": "41", "perpendicular": "41", "_beyond": "41",
+    },
+    f"{PHYSICS}/arms.py": {"link_directions": "41", "articulate": "41", "expand": "41", "tip_motion": "41"},
+    f"{PHYSICS}/dynamics.py": {
+        "_base_inertia": "52", "_attach": "41, 52", "_distribute": "41", "flexible_wrench": "52",
+        "_root_acceleration": "49",
+    },
+    f"{PHYSICS}/grasp.py": {"couple_object": "8", "solve_object": "8"},
+}  # fmt: skip
+LOOP = {  # file: function: what it computes
+    f"{PHYSICS}/etdrk4.py": {
+        "etdrk4_step": "ETDRK4", "_extrapolate": "ETDRK4", "_constant_forcing": "ETDRK4",
+        "_quadratic_forcing": "ETDRK4",
+    },
+    f"{PHYSICS}/stiff_modes.py": {
+        "freeze": "ETDRK4", "take_out": "ETDRK4", "_transition": "ETDRK4", "_rotate": "Jacobi",
+    },
+    f"{PHYSICS}/rk4.py": {"rk4_step": "RK4"},
+    f"{PHYSICS}/actuators.py": {"pack_actuators": "15", "generalized_forces": "14"},
+    f"{TASK}/reference.py": {"circle_reference": "formation", "desired": "path"},
+    f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
+    f"{TASK}/signals.py": {"measure_state": "signals", "measure_command": "signals", "_bending": "signals"},
+    f"{TASK}/quasi_static.py": {"quasi_static_amplitude": "quasi-static"},
+    f"{TASK}/status.py": {"_elbow": "ends", "_gap": "ends"},
+    f"{TASK}/reward.py": {"reward_terms": "reward"},
+    f"{TASK}/control_period.py": {"control_period": "wrench"},
+    f"{TASK}/disturbances.py": {"impulse_wrench": "impulse", "_add_pair": "noise"},
+    f"{LAWS}/mic.py": {
+        "mic": "9, 12", "_links": "41", "_grip_forces": "9-11", "_reach": "12", "_inverse_dynamics": "6, 7, 13",
+    },
+    f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
+    f"{LAWS}/regulator.py": {
+        "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
+        "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
+    },
+    f"{LAWS}/schedule.py": {"write_features": "features", "apply_decision": "weight", "_propagate": "network"},
+    f"{LAWS}/stability.py": {"sampled_growth": "sampling", "_sampled_modes": "sampling"},
+}  # fmt: skip
+CONFIG = "configs/sffr.yaml"
+TERMS = EQUATIONS_OF_MOTION | LOOP
+STEPS = ["test_integrator.py", "-k", "one_step or exact_oscillators"]
+PERIOD = [
+    "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
+    "terminates or info or reward or cost or simulator or momentum",
+]  # fmt: skip
+TESTS = {  # that check the files of LOOP, as arguments of pytest
+    f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
+    f"{PHYSICS}/actuators.py": ["test_actuators.py"],
+    f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
+    f"{TASK}/observation.py": ["test_observation.py"],
+    f"{TASK}/signals.py": PERIOD, f"{TASK}/quasi_static.py": PERIOD, f"{TASK}/status.py": PERIOD,
+    f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
+    f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
+    f"{LAWS}/mic.py": ["test_mic.py"],
+    f"{LAWS}/suppression.py": ["test_suppression.py"],
+    f"{LAWS}/regulator.py": ["test_regulator.py"],
+    f"{LAWS}/schedule.py": ["test_schedule.py"],
+    f"{LAWS}/stability.py": ["test_stability.py", "-k", "axial_growth or whole_state_space"],
+}  # fmt: skip
+DERIVATION = (
+    "sffr_workbench.verify.panel_symbols"  # SymPy's, which takes a while and nothing from the flipped sources: kept
+)
+# Sections that see a file, the fastest first; all the others that need no long run come after them.
+FIRST = {f"{PHYSICS}/beam.py": ("equations",), f"{PHYSICS}/kinematics.py": ("rigid",)}
+SECTIONS = ("coupling", "rigid", "equations")
+COUNTS = {"start", "at", "n", "n_a", "n_f", "n_m", "n_g", "n_modes", "N_BASE", "N_TIP", "elements", "element", "size"}
+SQUARED = {"dU", "d2W"}  # arrays that enter the equations as squares: the sign of all entries at once is free
+FREE = {  # function, term: why its sign makes no difference
+    ("_rotate", "1.0 / sqrt(t * t + 1.0)"): "a rotation by half a turn more",
+    ("optimal_gain", "piezo.voltage / np.array([piezo.force, piezo.force, piezo.moment])[driven]"): "squared",
+    ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
+    ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
+}
+MAKERS = {"slice", "range", "zeros", "empty", "eye", "len", "base_point", "arm_points"}  # calls that give no numbers
+
+
+class Flip(NamedTuple):
+    """A term of the sources."""
+
+    file: str  #: where it is
+    function: str
+    equation: str  #: what that computes
+    line: int  #: number
+    start: int  #: first and last character in the file
+    end: int
+    text: str  #: the term
+    flipped: str  #: what takes its place
+
+    def __str__(self) -> str:
+        """Place and term."""
+        return f"{self.file}:{self.line} {self.function}: {' '.join(self.text.split())}"
+
+
+class Outcome(NamedTuple):
+    """The first check that turned red with its error and allowance; empty if none did, NaN if all those broke down."""
+
+    check: str
+    error: float
+    allowed: float
+
+
+def all_flips() -> list[Flip]:
+    """Return every term of ``TERMS``, and the panels' angles of Eq. 46, which are data."""
+    return [flip for file, functions in TERMS.items() for flip in _flips_of(file, functions)] + _panel_angles()
+
+
+def sample(flips: list[Flip]) -> list[Flip]:
+    """Return the last flip of each function."""
+    return list({(flip.file, flip.function): flip for flip in flips}.values())
+
+
+def outcomes(flips: list[Flip]) -> Iterator[tuple[Flip, Outcome]]:
+    """Try flips one by one.
+
+    Raises:
+        RuntimeError: if a check is red without any flip.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        copy = Path(name)
+        for package, folder in (PACKAGES | {"configs": "."}).items():
+            shutil.copytree(ROOT / folder / package, copy / package, ignore=shutil.ignore_patterns("__pycache__"))
+        sys.path.insert(0, name)
+        sys.dont_write_bytecode = True
+        for file in dict.fromkeys(flip.file for flip in flips):
+            if red := _first_red(file).check:
+                raise RuntimeError(f"{file}: red without any flip: {red}")
+        for flip in flips:
+            place = copy / _without_home(flip.file)
+            source = place.read_text(encoding="utf-8")
+            place.write_text(source[: flip.start] + flip.flipped + source[flip.end :], encoding="utf-8")
+            yield flip, _first_red(flip.file)
+            place.write_text(source, encoding="utf-8")
+
+
+def _first_red(file: str) -> Outcome:
+    """Import everything again and run the checks of a file until one fails."""
+    for name, module in list(sys.modules.items()):
+        ours = name.partition(".")[0] in PACKAGES and name != DERIVATION
+        if ours or str(getattr(module, "__file__", "")).startswith(str(ROOT / "tests")):
+            del sys.modules[name]
+    importlib.invalidate_caches()
+    return _first_failed_test(TESTS[file]) if file in TESTS else _first_failed_check(FIRST.get(file, ()))
+
+
+def _first_failed_test(arguments: list[str]) -> Outcome:
+    """Run tests, in this process and from the checkout, up to the first that fails."""
+    import pytest
+
+    class Failures:
+        names: list[str] = []
+
+        def pytest_runtest_logreport(self, report: Any) -> None:
+            self.names += [report.nodeid] if report.failed else []
+
+        pytest_collectreport = pytest_runtest_logreport
+
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--rootdir", str(ROOT)]
+    names = [str(ROOT / "tests" / word) if word.endswith(".py") else word for word in arguments]
+    Failures.names = []
+    with contextlib.redirect_stdout(io.StringIO()):
+        status = pytest.main([*options, *names], plugins=[Failures()])
+    if status == pytest.ExitCode.OK:
+        return Outcome("", math.nan, math.nan)
+    return Outcome((Failures.names or [str(status)])[0], math.nan, math.nan)
+
+
+def _first_failed_check(first: tuple[str, ...]) -> Outcome:
+    """Run sections of ``sffr verify`` until one fails with a number."""
+    suite = importlib.import_module("sffr_workbench.verify.suite")
+    outcome = Outcome("", math.nan, math.nan)
+    for section in dict.fromkeys((*first, *SECTIONS)):
+        for check in suite.run_checks(quick=True, sections=[section]):
+            if not check.passed:
+                outcome = Outcome(check.name, check.error, check.allowed)
+                if math.isfinite(check.error):
+                    return outcome
+    return outcome
+
+
+def _flips_of(file: str, functions: dict[str, str]) -> Iterator[Flip]:
+    source = (ROOT / file).read_text(encoding="utf-8")
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef) and node.name in functions:
+            for term in _terms_of(node):
+                # Columns count bytes, which are characters: the sources are plain ASCII.
+                start = starts[term.lineno - 1] + term.col_offset
+                end = starts[(term.end_lineno or 0) - 1] + (term.end_col_offset or 0)
+                text = source[start:end]
+                if (node.name, text) not in FREE:
+                    yield Flip(file, node.name, functions[node.name], term.lineno, start, end, text, f"(-({text}))")
+
+
+def _panel_angles() -> list[Flip]:
+    source = (ROOT / CONFIG).read_text(encoding="utf-8")
+    found = re.finditer(r"(?<= root: )(\[.*?\], angle: )(\S+?)(?=})", source)
+    return [
+        Flip(CONFIG, "panel.mounts", "46", source.count("\n", 0, m.start()) + 1, *m.span(2), m[2], str(-float(m[2])))
+        for m in found
+    ]
+
+
+def _without_home(file: str) -> str:
+    """Return the place of a file in the copy, where the packages lie side by side."""
+    return file.removeprefix("baselines/")
+
+
+def _terms_of(function: ast.FunctionDef) -> Iterator[ast.expr]:
+    nodes = list(ast.walk(function))
+    sums = {ast.unparse(node.target) for node in nodes if isinstance(node, ast.AugAssign)}
+    for node in nodes:
+        if isinstance(node, ast.AugAssign):
+            yield from _terms(node.value, alone=True)
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in SQUARED:
+            for factor in _factors(node.value):
+                yield from _terms(factor, alone=False)
+        elif isinstance(node, ast.Assign) and not any(_counts(target) for target in node.targets):
+            several = any(isinstance(target, ast.Tuple) for target in node.targets)
+            targets = {ast.unparse(part) for target in node.targets for part in _parts(target)}
+            yield from _terms(node.value, alone=bool(targets & sums) and isinstance(node.value, ast.Tuple) >= several)
+        elif isinstance(node, ast.Return) and node.value is not None:
+            yield from _terms(node.value, alone=False)
+
+
+def _terms(node: ast.expr, alone: bool) -> Iterator[ast.expr]:
+    """Terms of an expression; ``alone``: whether it is one itself if it is a bare name, number or call."""
+    match node:
+        case ast.BinOp(left, ast.Add() | ast.Sub(), right):
+            if not _counts(node):
+                yield from _terms(left, alone=True)
+                yield from _terms(right, alone=True)
+        case ast.UnaryOp(ast.USub(), operand):
+            yield from _terms(operand, alone=True)
+        case ast.BinOp(_, ast.Mult() | ast.Div() | ast.MatMult(), _):
+            yield node
+            for factor in _factors(node):
+                yield from _terms(factor, alone=False)
+        case ast.Tuple(entries) | ast.List(entries):
+            for entry in entries:
+                yield from _terms(entry, alone or isinstance(node, ast.List))
+        case ast.Call(function, arguments, keywords):
+            name = ast.unparse(function).rpartition(".")[2]
+            if name not in MAKERS:
+                if alone or name in ("cos", "sin"):
+                    yield node
+                for argument in (*arguments, *(keyword.value for keyword in keywords)):
+                    yield from _terms(argument, alone=False)
+        case ast.Constant(value):
+            if alone and value:
+                yield node
+        case ast.Name() | ast.Attribute() | ast.Subscript() | ast.BinOp():
+            if alone:
+                yield node
+
+
+def _factors(node: ast.expr) -> list[ast.expr]:
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div | ast.MatMult):
+        return [*_factors(node.left), *_factors(node.right)]
+    return [node]
+
+
+def _parts(target: ast.expr) -> list[ast.expr]:
+    return target.elts if isinstance(target, ast.Tuple) else [target]
+
+
+def _counts(node: ast.AST) -> bool:
+    """Whether an expression counts or points at something, outside of the brackets that it may have."""
+    if isinstance(node, ast.Subscript):
+        return False
+    if isinstance(node, ast.Name):
+        return node.id in COUNTS
+    return any(_counts(part) for part in ast.iter_child_nodes(node))
+
+
+def main() -> int:
+    """Try flips, print what turned red, and return how many stay green."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", metavar="FILE", help="such as sffr_gym/physics/panel.py; all without")
+    parser.add_argument("--sample", action="store_true", help="one flip of each function")
+    arguments = parser.parse_args()
+    if os.environ.get("NUMBA_DISABLE_JIT") != "1":
+        parser.error("set NUMBA_DISABLE_JIT=1: to compile each flip takes a minute")
+    if unknown := set(arguments.files) - {*TERMS, CONFIG}:
+        parser.error(f"no terms in {', '.join(unknown)}; there are {', '.join([*TERMS, CONFIG])}")
+    flips = [flip for flip in all_flips() if not arguments.files or flip.file in arguments.files]
+    flips = sample(flips) if arguments.sample else flips
+    green = 0
+    for flip, outcome in outcomes(flips):
+        green += not outcome.check
+        size = f" ({outcome.error:.1e}, allowed {outcome.allowed:.0e})" if math.isfinite(outcome.error) else ""
+        print(f"{flip} | {flip.equation} | {outcome.check + size or 'GREEN'}", flush=True)
+    print(f"{len(flips)} flips, {green} stay green")
+    return green
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(), 1))
