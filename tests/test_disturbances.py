@@ -1,4 +1,4 @@
-"""Noise, delay and blows: what they are, that they reach observation or base alone and depend on nothing else."""
+"""Noise, delay and impulses: what they are, that they reach observation or base alone and depend on nothing else."""
 
 import numpy as np
 import pytest
@@ -182,7 +182,7 @@ def test_blows_change_the_momentum_by_their_impulse(user_scenario, yaw):
 
 
 def test_blows_hit_a_batch_as_they_hit_one(user_scenario):
-    """Every environment of a batch has its own blows, and scenarios of other counts may follow one another."""
+    """Every environment of a batch has its own impulses, and scenarios of other counts may follow one another."""
     many = SFFRFlexVectorEnv(3, scenario="impulse")
     for name, count in (
         ("impulse", 3),

@@ -307,7 +307,7 @@ def test_frequencies_with_the_object() -> None:
 
 
 def test_one_compilation_serves_every_robot() -> None:
-    """The arrays of all robots have the same types, or else the kernels compile anew, half a minute each time."""
+    """The arrays of all robots have the same types, or else the kernels compile again, half a minute each time."""
     robots = ROBOTS | {
         "bending alone": ["panel.axial_cut=1"],
         "rigid panels": ["panel.axial_cut=1.0e-6", "panel.bending_cut=1.0e-6"],

@@ -78,7 +78,7 @@ def test_a_robot_of_another_structure_is_refused(overrides):
 
 
 def test_a_robot_is_packed_again_only_where_it_changes(monkeypatch):
-    """A reset draws faults and plants anew and packs those alone; afterwards the environment is as if it never had."""
+    """A reset draws faults and plants again and packs those alone; afterwards the environment is as if it never had."""
     packed = []
     monkeypatch.setattr(single, "make_fleet", lambda robot: packed.append(robot) or make_fleet(robot))
     env, fresh = single.SFFRFlexEnv("impulse"), single.SFFRFlexEnv("impulse")

@@ -91,7 +91,7 @@ def test_batch_equals_single_environments(scenario, mode, n):
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_batch_equals_single_environments_in_every_scenario(name):
-    """Plants, faults, sensors and blows of each environment are those of its seed, and its info tells them."""
+    """Plants, faults, sensors and impulses of each environment are those of its seed, and its info tells them."""
     n = 11  # eight in lanes where all plants are alike, and three more
     native = SFFRFlexVectorEnv(n, scenario=name)
     single = SyncVectorEnv([lambda: SFFRFlexEnv(name)] * n)

@@ -293,6 +293,11 @@ def store(batch, i, group, period, lane):
     take(period.applied, lane, batch.applied[i])
 
 
+def visible(batch: Batch, i: int) -> tuple[int, Array, Array, Array, float]:
+    """Return what a picture of environment ``i`` shows: control periods, ``p, v``, applied command and status."""
+    return int(batch.tick[i]), batch.p[i], batch.v[i], batch.applied[i], float(batch.status[i])
+
+
 @functools.cache
 def _pool() -> ThreadPoolExecutor:
     """Threads for the kernels, which release the interpreter's lock."""

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from sffr_gym.config.params import Params, load_params
-from sffr_gym.envs.batch import Batch, batch_memory, make_batch, start_episode, step_batch
+from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet
 from sffr_gym.physics.simulator import State, unflatten
 from sffr_gym.task.episode import Episode, draw, nominal
@@ -323,11 +323,6 @@ def make_renderer(task: TaskModel, damped: bool = False) -> EnvironmentRenderer:
             raise
         raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
     return EnvironmentRenderer(task.period, len(task.model.panel_root), damped)
-
-
-def visible(batch: Batch, i: int) -> tuple[int, Array, Array, Array, float]:
-    """Return what a picture of environment ``i`` shows: control periods, ``p, v``, applied command and status."""
-    return int(batch.tick[i]), batch.p[i], batch.v[i], batch.applied[i], float(batch.status[i])
 
 
 def make_spaces(prior: TaskModel) -> tuple[gym.spaces.Box, gym.spaces.Box]:

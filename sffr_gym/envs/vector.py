@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch
+from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet, put_plant
 from sffr_gym.envs.single import (
     ParamsLike,
@@ -22,7 +22,6 @@ from sffr_gym.envs.single import (
     make_spaces,
     resolve_params,
     scenario_option,
-    visible,
 )
 from sffr_gym.task.episode import Episode, draw, nominal
 from sffr_gym.task.reward import REWARDS
