@@ -289,7 +289,7 @@ def test_a_forked_process_can_step():
     """A worker forked after the batch has run in threads, as process pools do, steps and does not wait for ever."""
     code = (
         "import os, signal, time, numpy as np\n"
-        "from sffr_gym import batch\n"
+        "from sffr_gym.envs import batch\n"
         "from sffr_gym.envs.vector import SFFRFlexVectorEnv\n"
         "batch.THREADS, batch.SMALLEST_CHUNK = 2, 1\n"
         "env = SFFRFlexVectorEnv(4)\n"
