@@ -11,6 +11,7 @@ import numba
 import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
+from project import PACKAGES, ROOT
 
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
@@ -19,14 +20,6 @@ from sffr_gym.compile import jit
 from sffr_gym.compile.linalg import assign
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.simulator import Simulator
-
-ROOT = Path(__file__).parents[1]
-PACKAGES = {
-    "sffr_gym": ".",
-    "sffr_baselines": "baselines",
-    "sffr_agents": "agents",
-    "sffr_workbench": "workbench",
-}  # and their folders
 
 
 def holds_array(kind):

@@ -9,21 +9,14 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from project import PACKAGES, ROOT
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-PACKAGES = {
-    "sffr_gym": ".",
-    "sffr_baselines": "baselines",
-    "sffr_agents": "agents",
-    "sffr_workbench": "workbench",
-}  # and their folders
 HEAVY = [
     "sympy",
     "pinocchio",

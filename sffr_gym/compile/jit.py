@@ -87,7 +87,7 @@ def inline(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def is_compiled() -> bool:
-    """Say whether compiled kernels of these very sources lie in the cache (a first run takes about a minute)."""
+    """Say whether compiled kernels of these very sources lie in the cache (else it takes one to two minutes)."""
     last = {package.partition(".")[0]: folder for package, folder in _folders.items()}  # of each top-level package
     return all(folder.is_dir() and any(folder.rglob("*.nbi")) for folder in last.values())
 

@@ -51,7 +51,7 @@ def evaluate_command(
     """Run policies on the same episodes of a scenario, measure them, and leave a run folder.
 
     Prints a table; writes summary.json, episodes.csv, manifest.json and figures. The first run ever compiles the
-    simulator for this machine, which takes about a minute.
+    simulator for this machine, which takes one to two minutes.
     """
     notes, results = consoles(quiet)
     with user_errors():

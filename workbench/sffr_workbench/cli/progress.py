@@ -20,7 +20,7 @@ from rich.progress import (
 
 from sffr_gym.compile.jit import is_compiled
 
-COMPILING = "compiling the simulator for this machine, about a minute, once"
+COMPILING = "compiling the simulator for this machine, one to two minutes, once"
 
 
 def time_left() -> tuple[ProgressColumn, ...]:
