@@ -1,12 +1,34 @@
 """The table of the mutation tests fits the sources: no module, test or accepted line in it is gone."""
 
+import re
 import shlex
-from pathlib import Path
+import subprocess
+import sys
 
 import pytest
+from project import ROOT
 
 mutants = pytest.importorskip("cosmic_ray") and __import__("mutants")
-ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def fast_tests():
+    """Names of the fast tests of each file, with their parameters."""
+    files = sorted({f"tests/{shlex.split(test)[0]}" for tests in mutants.MODULES.values() for test in tests})
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "not slow", *files]
+    lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    names = [line.removeprefix("tests/").split("::", 1) for line in lines if "::" in line]
+    return {file: [name.lower() for other, name in names if other == file] for file, _ in names}
+
+
+@pytest.mark.parametrize("module", mutants.MODULES)
+def test_chosen_tests_are_there(module, fast_tests):
+    """Each word that chooses tests by name finds one: a test of another name would leave mutants alive."""
+    for test in mutants.MODULES[module]:
+        file, *option = shlex.split(test)
+        words = re.findall(r"[\w.]+", option[1]) if option else ["test"]
+        for word in {*words} - {"or", "and", "not"}:
+            assert any(word.lower() in name for name in fast_tests[file]), f"{file}: no test is called {word}"
 
 
 @pytest.mark.parametrize("module", mutants.MODULES)
