@@ -1,8 +1,8 @@
 """Configuration: what describes robot, task and controllers, and how files are read and written.
 
 ``strict_yaml``: files and overrides become validated models; ``sections``, ``params``: the models of the robot, its
-task and its controllers; ``suggestion``: the nearest valid name; ``files``: what is written, and hashes of values;
-``provenance``: where a result comes from.
+task and its controllers; ``suggestion``: the nearest valid name; ``template``: the form of what reaches compiled code;
+``files``: what is written, and hashes of values; ``provenance``: where a result comes from.
 """
 
 from sffr_gym.config.params import Params, load_params
