@@ -79,8 +79,8 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
         env: environment, single or vector, or ``Params``: what the controller believes of the robot.
 
     Raises:
-        ConfigError: for an unknown name (with the nearest one), or a file that is no policy for this robot.
-        OSError: for a file that cannot be read.
+        ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is no policy for this
+            robot.
 
     Warns:
         UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.

@@ -9,6 +9,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from sffr_gym.config.errors import ConfigError
+
 
 def to_json(value: Any) -> str:
     """Return JSON with indentation; NaN and infinities, which JSON has not, become null."""
@@ -23,6 +25,32 @@ def canonical_json(value: Any) -> str:
 def short_hash(value: Any) -> str:
     """Return the first 16 hexadecimal digits of the SHA-256 of plain values in canonical JSON."""
     return hashlib.sha256(canonical_json(value).encode()).hexdigest()[:16]
+
+
+def check_target(file: Path, overwrite: bool = False) -> None:
+    """Make sure, before anything runs, that a file may be written.
+
+    Raises:
+        ConfigError: if something is there that is not to be replaced or is no file, or its folder is not there or
+            cannot be written.
+    """
+    try:
+        if "\0" in str(file):
+            raise ValueError("embedded null byte")
+        if file.is_dir():
+            raise ConfigError(f"{file}: is a folder; name a file with --out")
+        if os.path.lexists(file) and not overwrite:
+            raise ConfigError(f"{file}: is there already; choose another name with --out or add --overwrite")
+        above = file.absolute().parent
+        while not above.exists():
+            above = above.parent
+    except (OSError, ValueError) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"{str(file)!r}: is no name of a file: {error}") from None
+    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+        reason = "cannot be written to" if above.is_dir() else "is not a folder"
+        raise ConfigError(f"{file}: cannot be written: {above} {reason}")
 
 
 def write_whole(path: Path, content: bytes) -> Path:
