@@ -14,6 +14,7 @@ import numpy as np
 
 from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.lanes import WIDTH, columns, gather, put, take
+from sffr_gym.compile.threads import available_cores
 from sffr_gym.compile.workspace import allocate, workspace
 from sffr_gym.envs.fleet import Fleet, plant_at
 from sffr_gym.physics.actuators import command_of
@@ -28,7 +29,7 @@ from sffr_gym.task.status import NOT_FINITE
 from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
-THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+THREADS = available_cores()
 N_REFERENCE = 10  # numbers of a Reference beside its joints
 NEVER = -1  # control period of an impulse that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves

@@ -24,7 +24,7 @@ from sffr_baselines.learned import file_hash, policy_file
 from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym import ConfigError, Params
-from sffr_gym.compile.jit import is_compiled
+from sffr_gym.compile.cache import is_compiled
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.provenance import package_version
 from sffr_gym.config.strict_yaml import config_dir

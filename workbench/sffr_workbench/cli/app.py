@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from sffr_gym.compile.jit import remove_stale_caches
 from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import animate, benchmark, evaluate, learning, report, reproduce, speed, verify
 
@@ -33,7 +32,6 @@ def sffr(
     ] = False,
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
-    remove_stale_caches()
 
 
 for module in evaluate, verify, reproduce, animate, speed, benchmark, learning, report:

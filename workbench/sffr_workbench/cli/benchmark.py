@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from sffr_gym import ConfigError
+from sffr_gym.compile.threads import available_cores
 from sffr_gym.envs.single import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
 from sffr_gym.task.score import WEIGHTS
@@ -21,7 +22,7 @@ from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPIS
 from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
-from sffr_workbench.common import available_cores, terminal_table
+from sffr_workbench.common import terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least

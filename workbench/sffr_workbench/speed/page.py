@@ -13,9 +13,10 @@ from rich.text import Text
 
 import sffr_gym
 from sffr_gym import ConfigError
+from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.provenance import git_state, package_version
-from sffr_workbench.common import available_cores, describe_versions, markdown_table, terminal_table
+from sffr_workbench.common import describe_versions, markdown_table, terminal_table
 from sffr_workbench.common.numbers import format_measurement
 from sffr_workbench.speed.measure import Row, Section
 from sffr_workbench.speed.precision import PICTURE, save_picture
