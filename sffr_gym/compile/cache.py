@@ -87,7 +87,7 @@ class KernelCache(NullCache):
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         self._folder = folder
-        self._name = function.__qualname__.rpartition(".")[2].strip("<>")
+        self._name = function.__name__.strip("<>")
         code = function.__code__
         self._function = (function.__module__, function.__qualname__, code.co_firstlineno, code.co_code)
 

@@ -143,8 +143,9 @@ def _make_marked(folder: Path) -> None:
     Raises:
         OSError: if that is impossible.
     """
-    if not folder.exists():
-        _make(folder)
+    new = not folder.exists()
+    _make(folder)
+    if new:
         (folder / MARK).write_bytes(MARK_TEXT)
 
 
