@@ -117,6 +117,17 @@ def test_a_whole_file_of_something_else_is_compiled_again(start, package, conten
     assert again(1.0) == 3.0 and compiled(again) == (1, 0)
 
 
+def test_code_of_another_signature_is_not_run(start, package):
+    """Whatever name its file has."""
+    loop = start()
+    assert loop(1.0) == 3.0 and loop(1) == 3
+    one, other = (file for file in entries(package) if file.name.startswith("loop."))
+    contents = one.read_bytes(), other.read_bytes()
+    other.write_bytes(contents[0]), one.write_bytes(contents[1])
+    again = start()
+    assert again(1.5) == 4.0 and again(1) == 3 and compiled(again) == (2, 0)
+
+
 def test_code_that_cannot_be_loaded_is_compiled_again(start, package):
     """Of the right key, as by another numba of the same version number."""
     assert start()(1.0) == 3.0

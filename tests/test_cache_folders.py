@@ -219,6 +219,16 @@ def test_a_place_of_others_is_not_used(prepare, roots, monkeypatch, caplog):
     told(caplog, path if os.getuid() == 0 else roots[0], "another user")
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can make root's folders")
+def test_what_the_administrator_made_is_used(roots, monkeypatch):
+    """As the compiled code of an image."""
+    folder = folders.open_folder(NAME)
+    folders.write_sealed(folder / "kernel", b"code")
+    monkeypatch.setattr(os, "geteuid", lambda: 1)
+    assert folders.open_folder(NAME) == folder
+    assert folders.read_sealed(folder / "kernel") == b"code"
+
+
 @POSIX
 def test_without_any_place_nothing_is_kept(roots, monkeypatch, caplog):
     for root in roots:

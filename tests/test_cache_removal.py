@@ -71,6 +71,7 @@ def folder_is_a_link(root):
     folder = cache(root)
     folder.rename(root.parent / "elsewhere")
     folder.symlink_to(root.parent / "elsewhere")
+    os.utime(folder, (0, 0), follow_symlinks=False)
 
 
 def dangling_link(root):
