@@ -34,7 +34,7 @@ def test_kernels_hand_no_arrays_to_python():
         env.reset(seed=0)
         env.step(np.zeros(env.action_space.shape))
     env = SFFRFlexEnv()
-    env.scenario = env.scenario.model_copy(update={"duration": 0.01})
+    env.reset(options={"scenario": env.scenario.model_copy(update={"duration": 0.01})})
     rollout(env, make_policy("ahsc", env), seed=0)
     Simulator().grasp_forces(Simulator().initial_state())
     called = {}

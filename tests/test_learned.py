@@ -50,11 +50,8 @@ def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     with torch.no_grad():
         model.policy.action_net[0].weight *= 100.0  # else it hardly acts
     schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
-    bare, damping = (
-        SFFRFlexEnv(scenario="excited"),
-        SFFRFlexDampingEnv(duration=1.0, random_phase=False, base_tolerance=schedule.base_tolerance),
-    )
-    bare.scenario = damping._distribution()
+    damping = SFFRFlexDampingEnv(duration=1.0, random_phase=False, base_tolerance=schedule.base_tolerance)
+    bare = SFFRFlexEnv(damping._distribution(damping.scenario))
     policy = schedule.policy(bare.params)
     assert schedule.base_tolerance == policy.law.schedule.tolerance == 0.003  # of the shipped configuration
     compiled = rollout(bare, policy, seed=4)

@@ -24,7 +24,7 @@ from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.envs.single import resolve_params
+from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.statistics import interquartile_mean
 from sffr_gym.types import Array
 

@@ -115,7 +115,8 @@ def _run_compiled(
     env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
 ) -> tuple[int, str]:
     """Run the compiled closed loop, in pieces so that progress can be shown."""
-    p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
+    p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
+    B_hat, episode = policy.initial_damping(), env.episode
     factor = np.ones_like(B_hat)
     block = allocate(loop_shapes(env.plant_task, policy.law))[0]
     done, outcome = 0, RUNNING
@@ -149,5 +150,5 @@ def _run_stepwise(
         if (tick + 1) % PIECE == 0:
             progress(PIECE)
         if terminated:
-            return tick + 1, info["failure"]
+            return tick + 1, str(info["failure"])
     return ticks, ""

@@ -187,8 +187,9 @@ def _policy(name: str, scenario: str, params: Params) -> Policy:
 @functools.cache
 def _draws(scenario: str, params: Params) -> bool:
     """Say whether a scenario's episodes differ."""
-    _, info = _environment(scenario, params).reset(seed=EVALUATION_SEED)
-    return bool(info["drawn"])
+    env = _environment(scenario, params)
+    env.reset(seed=EVALUATION_SEED)
+    return bool(env.episode.drawn)
 
 
 def _claim(plan: Plan, folder: Path) -> None:

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from sffr_gym import ConfigError
 from sffr_gym.compile.threads import available_cores
-from sffr_gym.envs.single import resolve_params
+from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
 from sffr_gym.task.score import WEIGHTS
 from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite

@@ -15,7 +15,8 @@ from sffr_baselines.laws import ORACLES
 from sffr_baselines.policies import Policy, check_titles, make_policy
 from sffr_baselines.rollout import Trajectory, result_of, rollout
 from sffr_gym import ConfigError, Params
-from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
+from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.scenario import EVALUATION_SEED, Scenario, load_scenario
 from sffr_gym.task.score import REFERENCE, Result
@@ -85,9 +86,9 @@ def evaluate(
         raise ConfigError(f"episodes = {episodes}: must be at least 1")
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env = SFFRFlexEnv(scenario=scenario, params=resolved)
-    _, info = env.reset(seed=seed)
+    env.reset(seed=seed)
     if episodes is None:
-        episodes = DEFAULT_EPISODES if info["drawn"] else 1
+        episodes = DEFAULT_EPISODES if env.episode.drawn else 1
     ends = np.cumsum([0, *(_length(env, seed + i) for i in range(episodes))]).tolist()
     total = ends[-1] * len(runners)
     results: dict[str, list[Result]] = {policy.name: [] for policy in runners}

@@ -16,7 +16,8 @@ from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.config.files import write_whole
-from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
+from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
 from sffr_gym.task.scenario import EVALUATION_SEED
