@@ -109,6 +109,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law)
         self._duration, self._random_phase = duration, random_phase
+        self._distribution().ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
 
     @property
@@ -194,6 +195,7 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._max_steps = None if max_episode_steps is None else max_episode_steps * self.law.schedule.hold
         self._duration, self._random_phase = duration, random_phase
+        self._distribution().ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping = make_damping(self.law, num_envs)
         self._memory = damping_memory(self.prior_task, self.law, num_envs)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
@@ -234,9 +236,9 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
 
 
 def training_scenario(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:
-    """Return the scenario with the length [s] and the start of an agent's episodes."""
+    """Return the scenario with the length [s] and the start of an agent's episodes; raises ConfigError."""
     length = scenario.duration if duration is None else duration
-    return scenario.model_copy(update={"random_phase": random_phase or scenario.random_phase, "duration": length})
+    return scenario.with_changes(random_phase=random_phase or scenario.random_phase, duration=length)
 
 
 def damping_spaces(law: Law, panels: int | None = None) -> tuple[gym.spaces.Box, gym.spaces.Box]:
