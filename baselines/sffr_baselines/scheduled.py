@@ -30,9 +30,7 @@ class Scheduling(Section):
 
     law: Literal["hsc", "ahsc"] = Field(default="ahsc", description="law that runs inside")
     rho: float = Field(default=RHO, ge=1.0, le=1000.0, description="largest factor of the damping [-]")
-    agent_period: float = Field(
-        default=AGENT_PERIOD, ge=1.0e-6, le=10.0, description="time between two actions [s]"
-    )
+    agent_period: float = Field(default=AGENT_PERIOD, ge=1.0e-6, le=10.0, description="time between two actions [s]")
     base_tolerance: float | None = Field(
         default=None, ge=1.0e-9, le=1000.0,
         description="error of the base at which an action counts half [m]; null: it never does",

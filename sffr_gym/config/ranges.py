@@ -15,6 +15,7 @@ from sffr_gym.config.strict_yaml import check_error
 
 LONGEST_NAME = 64  # characters: names stand in tables, legends and file names
 LONGEST_TEXT = 1000
+LARGEST_CUT = 1.0e9  # rad/s
 LARGEST_SEED = 2**32 - 1  # what every generator takes that a seed is handed to
 
 # Bodies. Between the least and the largest mass lie 18 decades: a speck of dust beside an asteroid, which the mass
@@ -31,7 +32,7 @@ BendingStiffness = Annotated[float, Field(ge=1.0e-9, le=1.0e12)]  # N m2: a hair
 YoungsModulus = Annotated[float, Field(ge=1.0e6, le=1.0e13)]  # Pa: rubber; less is taken for GPa
 Area = Annotated[float, Field(ge=1.0e-12, le=1.0)]  # m2; more is taken for cm2
 Relaxation = Annotated[float, Field(ge=0.0, le=10.0)]  # s; with more of it no panel vibrates, it creeps
-ModeCut = Annotated[float, Field(ge=1.0e-6, le=1.0e9)]  # rad/s; beyond lies no mode of a panel in these ranges
+ModeCut = Annotated[float, Field(ge=1.0e-6, le=LARGEST_CUT)]  # rad/s; beyond lies no mode of a panel in these ranges
 
 # Actuators: a limit that never acts is written as a large number, and what it divides stays finite.
 Limit = Annotated[float, Field(ge=1.0e-9, le=1.0e9)]  # N, N m, V

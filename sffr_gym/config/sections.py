@@ -68,7 +68,8 @@ Spans = Annotated[
     tuple[tuple[float, float], ...], Field(min_length=1), at_most(MOST_SPANS, "each is a channel of every action")
 ]
 Damping3 = tuple[Damping, Damping, Damping]
-Tip, TipRate = tuple[Place, Place, Slope], tuple[Velocity, Velocity, Rate]
+Tip = tuple[Place, Place, Slope]
+TipRate = tuple[Velocity, Velocity, Rate]
 
 
 def error_at(key: tuple[str | int, ...], value: Any, reason: str) -> InitErrorDetails:
@@ -331,7 +332,7 @@ class Reward(Section):
 @functools.cache
 def _coordinates(place: Any, angle: Any, count: int) -> TypeAdapter[tuple[float, ...]]:
     """Return what checks the first two of ``count`` coordinates as places and the others as angles, or their rates."""
-    return TypeAdapter(tuple[(place, place, *[angle] * count)[:count]])  # type: ignore[misc]
+    return TypeAdapter(tuple[(place, place, *[angle] * count)[:count]])  # type: ignore[arg-type, misc]
 
 
 def _to_tuple(value: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -269,7 +268,7 @@ class Simulator:
         """Return the duration of a step [s]; raise ValueError for what is none, or cannot be computed."""
         if dt is None:
             return self.params.control.period
-        if isinstance(dt, bool) or not isinstance(dt, Real) or not 0.0 < dt < np.inf:
+        if isinstance(dt, bool) or not isinstance(dt, int | float | np.floating | np.integer) or not 0.0 < dt < np.inf:
             raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
         if dt < SHORTEST_STEP:
             raise ValueError(f"dt must be at least {SHORTEST_STEP:g} s, got {dt!r}: nothing moves in less")

@@ -44,7 +44,8 @@ Amplitude = Annotated[tuple[float, float], _within(0.0, 1000.0)]  # m, the longe
 Speed = Annotated[tuple[float, float], _within(0.01, 10.0)]  # m/s
 Factor = Annotated[tuple[float, float], _within(0.01, 100.0)]
 # Noise beyond these shows nothing of a robot any more; an angle's is taken for degrees.
-Noise, AngleNoise = Annotated[float, Field(ge=0.0, le=100.0)], Annotated[float, Field(ge=0.0, le=1.0)]
+Noise = Annotated[float, Field(ge=0.0, le=100.0)]  # m, m/s, rad/s
+AngleNoise = Annotated[float, Field(ge=0.0, le=1.0)]  # rad
 Impulse = Annotated[float, Field(ge=0.0, le=1.0e6)]  # N s, N m s: that of a rocket stage
 
 
