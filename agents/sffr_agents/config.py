@@ -17,7 +17,7 @@ from sffr_baselines.learned import MOST_WEIGHTS
 from sffr_baselines.schedule import N_FEATURES
 from sffr_baselines.scheduled import Scheduling
 from sffr_gym.config.params import load_params
-from sffr_gym.config.ranges import EpisodeLength, Share, at_most
+from sffr_gym.config.ranges import MOST_ENVS, EpisodeLength, Share, at_most
 from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import (
     ConfigError,
@@ -34,7 +34,6 @@ SectionT = TypeVar("SectionT", bound=Section)
 VALIDATION_SEED = 900_000  # of the episodes that choose the best model; evaluation has its own
 MOST_STEPS = 10**10  # of a training: days of the fastest
 MOST_SAMPLES = 10**7  # kept for learning: about a GiB
-MOST_ENVS = 10_000  # environments: a reset of all of them takes seconds
 MOST_LAYERS = 16  # of a network
 QUANTILES = 25  # of each of TQC's critics
 

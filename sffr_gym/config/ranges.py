@@ -16,6 +16,7 @@ from sffr_gym.config.strict_yaml import check_error
 LONGEST_NAME = 64  # characters: names stand in tables, legends and file names
 LONGEST_TEXT = 1000
 LARGEST_CUT = 1.0e9  # rad/s
+MOST_ENVS = 100_000  # of a batch: half a GB, and a reset of all takes half a minute
 LARGEST_SEED = 2**32 - 1  # what every generator takes that a seed is handed to
 
 # Bodies. Between the least and the largest mass lie 18 decades: a speck of dust beside an asteroid, which the mass
