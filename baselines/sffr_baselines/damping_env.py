@@ -102,9 +102,9 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
                 loop cannot run.
         """
         super().__init__(scenario, params, overrides, render_mode)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._renderer = None if render_mode is None else make_renderer(self.prior_task, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law)
@@ -185,9 +185,9 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
             autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._renderers = [make_renderer(self.prior_task, damped=True) for _ in range(num_envs if render_mode else 0)]
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law)
