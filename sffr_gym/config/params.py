@@ -35,6 +35,7 @@ from sffr_gym.config.sections import (
 from sffr_gym.config.strict_yaml import (
     SHIPPED,
     ConfigError,
+    Where,
     apply_overrides,
     build,
     config_dir,
@@ -195,11 +196,22 @@ def load_params(path: str | os.PathLike[str] | None = None) -> Params:
         ConfigError: if a file cannot be read or anything in it is unknown, missing or out of range; the message names
             the file, the key, the value and what is allowed, one line for each error.
     """
-    data, where = read_mapping(config_dir() / SHIPPED)
-    if path is None:
-        return build(Params, data, where)
-    changes, changed_where = read_mapping(find_config(path))
-    changed = build(Params, merge(data, changes), changed_where)
+    return change_shipped(*read_mapping(find_config(path))) if path is not None else _shipped()
+
+
+def change_shipped(changes: dict[str, Any], where: Where) -> Params:
+    """Return the shipped case study with a mapping laid over it as :func:`load_params` lays a file.
+
+    Raises:
+        ConfigError: for a key or a value that is not valid; ``where`` names its source.
+    """
+    shipped, _ = read_mapping(config_dir() / SHIPPED)
+    changed = build(Params, merge(shipped, changes), where)
     if "path" not in changes or "qd" in changes.get("initial", {}):
         return changed
-    return changed._started_as(build(Params, data, where))
+    return changed._started_as(_shipped())
+
+
+def _shipped() -> Params:
+    """Return the shipped case study."""
+    return build(Params, *read_mapping(config_dir() / SHIPPED))
