@@ -146,7 +146,7 @@ def test_unknown_name_fails_with_the_nearest(arguments, nearest, tmp_path, monke
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--set", "panel.EI=-3"], ["panel.EI", "-3", "greater than 0"]),
+        (["--set", "panel.EI=-3"], ["panel.EI", "-3", "at least 1e-09"]),
         (["--set", "panel.EI=soft"], ["panel.EI", "soft", "number"]),
         (["--set", "initial.q.3=1.9"], ["initial.q", "grasp"]),
         (["--episodes", "0"], ["episodes", "at least 1"]),

@@ -59,7 +59,7 @@ def test_errors_of_a_file_are_all_listed_with_their_lines(tmp_path):
     assert sorted(line.partition(" (")[0] for line in lines) == [
         f"{path}:10: arms.0.links.1.mass: missing",
         f"{path}:2: panel.lenght: unknown key; did you mean 'length'?",
-        f"{path}:3: panel.EI = -3.0: must be greater than 0",
+        f"{path}:3: panel.EI = -3.0: must be at least 1e-09",
     ]
 
 

@@ -22,9 +22,10 @@ from sffr_agents.log import CsvLog
 from sffr_agents.sb3_vec_env import batch_of
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import LearnedSchedule, save_schedule
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.provenance import origin
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 
 PACKAGES = ("torch", "stable-baselines3", "sb3-contrib")  # whose versions a run keeps beside the usual ones
 
@@ -49,8 +50,8 @@ def train(
     Raises:
         ConfigError: for a seed of evaluation or validation, a folder with a run, or a setting that is not valid.
     """
-    largest = VALIDATION_SEED - config.n_envs
-    if not 0 <= seed <= largest:
+    largest, seed = VALIDATION_SEED - config.n_envs, check_arguments(EpisodeRange, seed=seed).seed
+    if seed > largest:
         raise ConfigError(
             f"seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
             f"and those from {EVALUATION_SEED} up are for evaluation alone"

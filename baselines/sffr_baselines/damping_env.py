@@ -146,12 +146,13 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         """
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(scenario, params, overrides, render_mode)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._renderer = None if render_mode is None else make_renderer(self.prior_task, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
+        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
 
     @property
@@ -221,9 +222,9 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
             autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self._renderers = [make_renderer(self.prior_task, damped=True) for _ in range(num_envs if render_mode else 0)]
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law, dtype=dtype)
@@ -231,6 +232,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         actions = step_limit(max_episode_steps)
         self._max_steps = None if actions is None else actions * self.law.schedule.hold
+        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping = make_damping(self.law, num_envs)
         self._memory = damping_memory(self.prior_task, self.law, num_envs)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
@@ -259,9 +261,9 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
 
 
 def training_scenario(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:
-    """Return the scenario with the length [s] and the start of an agent's episodes."""
+    """Return the scenario with the length [s] and the start of an agent's episodes; raises ConfigError."""
     length = scenario.duration if duration is None else duration
-    return scenario.model_copy(update={"random_phase": random_phase or scenario.random_phase, "duration": length})
+    return scenario.with_changes(random_phase=random_phase or scenario.random_phase, duration=length)
 
 
 def damping_spaces(

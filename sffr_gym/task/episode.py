@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.ranges import LARGEST_CUT
 from sffr_gym.config.sections import Arm, Panel
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators
@@ -163,8 +164,8 @@ def _draw_panel(factors: PlantFactors, panel: Panel, rng: np.random.Generator, d
     scaled = {
         "EI": stiffness * panel.EI,
         "mass": mass * panel.mass,
-        "bending_cut": np.sqrt(stiffness / mass) * panel.bending_cut,
-        "axial_cut": np.sqrt(1.0 / mass) * panel.axial_cut,
+        "bending_cut": min(np.sqrt(stiffness / mass) * panel.bending_cut, LARGEST_CUT),
+        "axial_cut": min(np.sqrt(1.0 / mass) * panel.axial_cut, LARGEST_CUT),
     }
     return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
 

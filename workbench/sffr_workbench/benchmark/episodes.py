@@ -25,15 +25,17 @@ from sffr_baselines.policies import Policy, check_titles, make_policy, policy_ti
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym import ConfigError, Params
 from sffr_gym.compile.cache import is_compiled
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.provenance import package_version
 from sffr_gym.config.strict_yaml import config_dir
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.scenario import EVALUATION_SEED, load_scenario, suite_hash
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario, suite_hash
 from sffr_gym.task.score import Result
 from sffr_workbench.common import Progress, ignore
 from sffr_workbench.evaluation import with_oracles
 
+MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
 ROWS, PLAN_FILE = "rows", "plan.json"
 _NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder may hold more than a plan runs
 
@@ -65,8 +67,12 @@ class Plan:
         for name in self.scenarios:
             if self.scenarios.count(name) > 1:
                 raise ConfigError(f"scenario {name!r} is given twice")
-        if self.episodes < 1:
-            raise ConfigError(f"episodes = {self.episodes}: must be at least 1")
+        check_arguments(EpisodeRange, episodes=self.episodes, seed=self.seed)
+        if (count := self.episodes * len(self.policies) * len(self.scenarios)) > MOST_TASKS:
+            raise ConfigError(
+                f"episodes = {self.episodes}: of {len(self.policies)} policies in {len(self.scenarios)} scenarios make "
+                f"{count:.2g} episodes, at most {MOST_TASKS:.0e}"
+            )
         if self.seed < EVALUATION_SEED:
             raise ConfigError(f"seed = {self.seed}: a benchmark takes evaluation seeds, from {EVALUATION_SEED} up")
         for name in self.policies:

@@ -14,9 +14,10 @@ from sffr_baselines import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_baselines.settings import TunedDamping
 from sffr_gym import ConfigError, Params
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import write_whole
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_gym.types import Array
 
@@ -59,9 +60,10 @@ def tune_hsc(
     Raises:
         ConfigError: for seeds that are for evaluation alone, for no episodes, or if B0 has a zero.
     """
-    if not (episodes >= 1 and 0 <= seed and seed + episodes <= EVALUATION_SEED):
+    check_arguments(EpisodeRange, episodes=episodes, seed=seed)
+    if seed + episodes > EVALUATION_SEED:
         raise ConfigError(
-            f"seeds {seed} to {seed + episodes - 1}: training takes at least one, from 0 to {EVALUATION_SEED - 1}"
+            f"seeds {seed} to {seed + episodes - 1}: training takes those from 0 to {EVALUATION_SEED - 1}"
         )
     start = np.array(params.suppression.B0[1:])
     if not start.all():

@@ -9,7 +9,7 @@ import typer
 
 from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_gym.task.signals import VIBRATION
-from sffr_workbench.cli.options import Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.options import Overrides, ParamsFile, Quiet, ScenarioName, argument, number, option, whole
 from sffr_workbench.cli.progress import EvaluationProgress
 from sffr_workbench.cli.terminal import consoles, user_errors
 from sffr_workbench.common import format_number
@@ -24,16 +24,20 @@ def add_commands(app: typer.Typer) -> None:
 def animate_command(
     policies: Annotated[list[str], argument("POLICY [POLICY]", "One policy, or two side by side.", False)],
     scenario: ScenarioName = "nominal",
-    seed: Annotated[int, option("--seed", "Seed of the episode.", "K")] = EVALUATION_SEED,
+    seed: Annotated[int, option("--seed", "Seed of the episode.", "K", parser=whole())] = EVALUATION_SEED,
     out: Annotated[Path | None, option("--out -o", "A .gif or .mp4.", "FILE", "runs/<policies>-<scenario>.gif")] = None,
     params: ParamsFile = None,
     overrides: Overrides = None,
-    speed: Annotated[float, option("--speed", "Times real time.", "N")] = MovieOptions.speed,
-    fps: Annotated[int, option("--fps", "Pictures a second.", "N")] = MovieOptions.fps,
-    duration: Annotated[float | None, option("--duration", "Show so much of the episode [s].", "S", "all")] = None,
-    size: Annotated[int, option("--size", "Sides of a policy's picture [pixels].", "N")] = MovieOptions.size,
+    speed: Annotated[float, option("--speed", "Times real time.", "N", parser=number())] = MovieOptions.speed,
+    fps: Annotated[int, option("--fps", "Pictures a second.", "N", parser=whole())] = MovieOptions.fps,
+    duration: Annotated[
+        float | None, option("--duration", "Show so much of the episode \\[s].", "S", "all", parser=number())
+    ] = None,
+    size: Annotated[
+        int, option("--size", "Sides of a policy's picture \\[pixels].", "N", parser=whole())
+    ] = MovieOptions.size,
     exaggeration: Annotated[
-        float, option("--exaggeration", "Draw deflections so many times as large.", "N")
+        float, option("--exaggeration", "Draw deflections so many times as large.", "N", parser=number())
     ] = MovieOptions.exaggeration,
     overwrite: Annotated[bool, option("--overwrite", "Replace FILE.")] = False,
     quiet: Quiet = False,

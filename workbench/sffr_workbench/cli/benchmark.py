@@ -19,12 +19,13 @@ from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked,
 from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
-from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
 from sffr_workbench.common import terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
+MOST_JOBS = 4 * available_cores()  # more only take memory, some 200 MB each
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
 
 
@@ -44,11 +45,12 @@ def benchmark_command(
         list[str] | None, option("--scenario -s", "Shipped name or YAML file; repeatable.", "S", "all shipped")
     ] = None,
     episodes: Annotated[
-        int, option("--episodes -n", "Episodes of each policy in each scenario.", "N")
+        int, option("--episodes -n", "Episodes of each policy in each scenario.", "N", parser=whole())
     ] = SUITE_EPISODES,
     seed: FirstSeed = EVALUATION_SEED,
     jobs: Annotated[
-        int | None, option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", min=1)
+        int | None,
+        option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", parser=whole(1, MOST_JOBS)),
     ] = None,
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
     docs: Annotated[
@@ -97,9 +99,11 @@ def compare_command(
 
 def tune_hsc_command(
     scenario: ScenarioName = SCENARIO,
-    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N")] = TRAINING_EPISODES,
-    seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K")] = 0,
-    evaluations: Annotated[int, option("--evaluations", "About as many pairs at most.", "N", min=3)] = EVALUATIONS,
+    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N", parser=whole())] = TRAINING_EPISODES,
+    seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K", parser=whole())] = 0,
+    evaluations: Annotated[
+        int, option("--evaluations", "About as many pairs at most.", "N", parser=whole(3, 10_000))
+    ] = EVALUATIONS,
     out: Annotated[Path | None, option("--out -o", "Settings to write.", "FILE", "print only")] = None,
     params: ParamsFile = None,
     overrides: Overrides = None,

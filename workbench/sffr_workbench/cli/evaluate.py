@@ -10,7 +10,7 @@ import typer
 from sffr_baselines import POLICIES
 from sffr_baselines.learned import shipped_policies
 from sffr_gym.task.scenario import EVALUATION_SEED
-from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
 from sffr_workbench.cli.progress import EvaluationProgress
 from sffr_workbench.cli.terminal import can_draw, consoles, dated_folder, typed_command, user_errors
 from sffr_workbench.evaluation import check_folder, evaluate, summary_remarks, summary_table, write_run
@@ -38,6 +38,7 @@ def evaluate_command(
             "Episodes of each policy, the same ones for all.",
             "N",
             f"{DEFAULT_EPISODES}, or 1 if the scenario draws nothing",
+            parser=whole(),
         ),
     ] = None,
     seed: FirstSeed = EVALUATION_SEED,

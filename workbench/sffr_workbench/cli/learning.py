@@ -13,9 +13,10 @@ from sffr_agents.config import CONFIGS, VALIDATION_SEED, load_config
 from sffr_agents.tune_config import load_tune
 from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.ranges import LARGEST_SEED
 from sffr_gym.task.score import REFERENCE, WEIGHTS
 from sffr_workbench.benchmark import score_seeds
-from sffr_workbench.cli.options import Quiet, argument, option
+from sffr_workbench.cli.options import Quiet, argument, option, whole
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import consoles, dated_folder, interruptible, typed_command, user_errors
 from sffr_workbench.common import markdown_table, require
@@ -63,8 +64,12 @@ def train_command(
     algo: Annotated[
         str, option("--algo", f"{', '.join(CONFIGS)}; or a YAML file of configs/train's kind.", "A")
     ] = "ppo",
-    seed: Annotated[int, option("--seed", f"Seed of everything random, below {VALIDATION_SEED}.", "K")] = 0,
-    n_envs: Annotated[int | None, option("--n-envs", "Environments.", "N", "the configuration's")] = None,
+    seed: Annotated[
+        int, option("--seed", f"Seed of everything random, below {VALIDATION_SEED}.", "K", parser=whole())
+    ] = 0,
+    n_envs: Annotated[
+        int | None, option("--n-envs", "Environments.", "N", "the configuration's", parser=whole())
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         option("--set", "Change the configuration, such as learning.gamma=0.99; repeatable.", "KEY=VALUE"),
@@ -123,13 +128,15 @@ def tune_command(
         str, argument("SEARCH", "Shipped search (ppo, sac), or a YAML file of configs/tune's kind.")
     ],
     trials: Annotated[
-        int | None, option("--trials", "Trials in all.", "N", "the search's")
+        int | None, option("--trials", "Trials in all.", "N", "the search's", parser=whole())
     ] = None,
     overrides: Annotated[
         list[str] | None,
         option("--set", "Change the search, such as seeds=5; repeatable.", "KEY=VALUE"),
     ] = None,
-    seed: Annotated[int, option("--seed", "Seed of the search; trainings count from 0.", "K")] = 0,
+    seed: Annotated[
+        int, option("--seed", "Seed of the search; trainings count from 0.", "K", parser=whole(0, LARGEST_SEED))
+    ] = 0,
     out: Annotated[
         Path | None,
         option("--out -o", "Run folder.", "DIR", "runs/tune-<search>"),

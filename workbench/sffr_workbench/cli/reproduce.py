@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sffr_workbench.cli.options import Quiet, option
+from sffr_workbench.cli.options import Quiet, number, option
 from sffr_workbench.cli.progress import ProgressBar
 from sffr_workbench.cli.terminal import consoles, typed_command, user_errors
 from sffr_workbench.common import require
@@ -23,7 +23,8 @@ def add_commands(app: typer.Typer) -> None:
 def reproduce_command(
     out: Annotated[Path, option("--out -o", "Folder of pictures, claims and page.", "DIR")] = Path("runs/reproduce"),
     duration: Annotated[
-        float | None, option("--duration", "Cut each run to this [s], for a quick look.", "S", "110.9", min=1.0)
+        float | None,
+        option("--duration", "Cut each run to this \\[s], for a quick look.", "S", "110.9", parser=number(1.0, 1.0e4)),
     ] = None,
     overwrite: Annotated[bool, option("--overwrite", "Replace a finished run in DIR.")] = False,
     quiet: Quiet = False,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sffr_workbench.cli.options import option
+from sffr_workbench.cli.options import option, whole
 from sffr_workbench.cli.terminal import consoles, typed_command, user_errors
 from sffr_workbench.common import require
 
@@ -26,7 +26,7 @@ def bench_command(
         ),
     ] = None,
     repeats: Annotated[
-        int | None, option("--repeats", "Rounds of each comparison.", "N", "7, or 2 if quick", min=1)
+        int | None, option("--repeats", "Rounds of each comparison.", "N", "7, or 2 if quick", parser=whole(1, 1000))
     ] = None,
     out: Annotated[Path, option("--out -o", "Folder of bench.json and the picture.", "DIR")] = Path("runs/bench"),
     doc: Annotated[Path | None, option("--doc", "Markdown file to write the tables into.", "FILE")] = None,

@@ -18,8 +18,9 @@ from pydantic import Field
 
 from sffr_baselines.rollout import STRIDE, Trajectory
 from sffr_gym import ConfigError, Params, Simulator
+from sffr_gym.config.ranges import Period, Radius
 from sffr_gym.config.reading import parse_json, read_arrays
-from sffr_gym.config.sections import Positive, Section
+from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import build
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.kinematics import rotation
@@ -36,7 +37,7 @@ ABOUT = "about"  # name of the text within a file
 class ReferenceSection(Section):
     """A :class:`Reference` as a file has it."""
 
-    radius: Positive = Field(description="[m]")
+    radius: Radius = Field(description="[m]")
     rate: float = Field(description="[rad/s]")
     phase: float = Field(description="[rad]")
     turning: float = Field(description="[-]")
@@ -56,7 +57,7 @@ class About(Section):
     scenario: str = Field(description="name")
     seed: int = Field(ge=0, description="of the episode")
     failure: str = Field(description="why it ended early")
-    period: Positive = Field(description="control period [s]")
+    period: Period = Field(description="control period [s]")
     plant: Params = Field(description="the robot as it was")
     reference: ReferenceSection = Field(description="the desired motion")
 

@@ -15,10 +15,11 @@ from sffr_baselines.laws import ORACLES
 from sffr_baselines.policies import Policy, check_titles, make_policy
 from sffr_baselines.rollout import Trajectory, result_of, rollout
 from sffr_gym import ConfigError, Params
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.envs.arguments import ParamsLike, resolve_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
-from sffr_gym.task.scenario import EVALUATION_SEED, Scenario, load_scenario
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario, load_scenario
 from sffr_gym.task.score import REFERENCE, Result
 from sffr_workbench.common import Progress, ignore
 
@@ -80,10 +81,8 @@ def evaluate(
     started, clock = datetime.now(UTC), time.perf_counter()
     resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
     runners = make_policies(with_oracles(policies, chosen), resolved)
-    if seed < 0:
-        raise ConfigError(f"seed = {seed}: must be at least 0")
-    if episodes is not None and episodes < 1:
-        raise ConfigError(f"episodes = {episodes}: must be at least 1")
+    asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
+    episodes, seed = asked.episodes, asked.seed
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env = SFFRFlexEnv(scenario=scenario, params=resolved)
     env.reset(seed=seed)

@@ -15,12 +15,13 @@ import numpy as np
 from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import write_whole
 from sffr_gym.envs.arguments import ParamsLike, resolve_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore, require
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from sffr_gym.render.renderer import Renderer, Snapshot, Style
 
 FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it, and the extra that brings that
+MOST_PICTURES = 50_000  # some hours of drawing
 MAX_POLICIES = 2  # beside each other
 GAP = 4  # pixels between them
 RATES = (1, 2, 4, 5, 10, 20, 25, 50)  # pictures a second whose time is a whole number of a GIF's hundredths
@@ -68,7 +70,7 @@ class MovieOptions:
         limits = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
         for name, (low, high) in limits.items():
             if not low <= getattr(self, name) <= high:
-                raise ConfigError(f"{name} = {getattr(self, name):g}: must be from {low:g} to {high:g}")
+                raise ConfigError(f"{name} = {getattr(self, name)}: must be from {low:g} to {high:g}")
         if self.duration is not None and not self.duration > 0.0:
             raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s")
 
@@ -108,11 +110,11 @@ def animate(
     runners = make_policies(policies, resolved)
     if len(runners) > MAX_POLICIES:
         raise ConfigError(f"{len(runners)} policies: at most {MAX_POLICIES} fit side by side")
-    if seed < 0:
-        raise ConfigError(f"seed = {seed}: must be at least 0")
+    seed = check_arguments(EpisodeRange, seed=seed).seed
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env, trajectories = SFFRFlexEnv(scenario, resolved), []
     env.reset(seed=seed)
+    _check_count(options, env.ticks * env.params.control.period)
     for runner in runners:
         progress(runner.name, 0, env.ticks)
         trajectories.append(rollout(env, runner, seed, episode_progress(progress, runner.name, 0, env.ticks)))
@@ -121,6 +123,16 @@ def animate(
     write = {".gif": gif, ".mp4": mp4}[out.suffix]
     write_whole(out, write(movie, options.fps, lambda k: progress("drawing", k, len(movie))))
     return trajectories
+
+
+def _check_count(options: MovieOptions, length: float) -> None:
+    """Raise ConfigError if an episode of some length [s] makes more pictures than anyone waits for."""
+    shown = length if options.duration is None else min(options.duration, length)
+    if (count := shown * options.fps / options.speed) > MOST_PICTURES:
+        raise ConfigError(
+            f"duration = {shown:g} s: makes {count:.2g} pictures, at most {MOST_PICTURES}: shorten it, raise speed = "
+            f"{options.speed:g}, or lower fps = {options.fps}"
+        )
 
 
 class Movie:
