@@ -159,6 +159,7 @@ def test_what_vanished_after_the_start_is_compiled(start, package, replace):
     assert start()(1.0) == 3.0
     loop = start()
     replace(package)
+    assert cache.is_compiled() == (replace is not no_folder_any_more)
     assert loop(1.0) == 3.0 and compiled(loop) == (1, 0)
 
 

@@ -109,7 +109,7 @@ def make(root):
 
 def root_is_a_file(root, monkeypatch):
     root.touch()
-    return root, "no folder"
+    return root, "this is no folder"
 
 
 def root_below_a_file(root, monkeypatch):
@@ -118,9 +118,15 @@ def root_below_a_file(root, monkeypatch):
     return root / "below", "Not a directory"
 
 
+def root_below_a_dangling_link(root, monkeypatch):
+    root.symlink_to(root.parent / "missing")
+    monkeypatch.setattr(folders, "ROOTS", [root / "below", *folders.ROOTS[1:]])
+    return root, "this is no folder"
+
+
 def root_dangles(root, monkeypatch):
     root.symlink_to(root.parent / "missing")
-    return root, "no folder"
+    return root, "this is no folder"
 
 
 def root_open_to_others(root, monkeypatch):
@@ -137,13 +143,13 @@ def folder_open_to_a_group(root, monkeypatch):
 def folder_is_a_file(root, monkeypatch):
     make(root).rmdir()
     (root / NAME).touch()
-    return root / NAME, "no folder"
+    return root / NAME, "this is no folder"
 
 
 def folder_dangles(root, monkeypatch):
     make(root).rmdir()
     (root / NAME).symlink_to(root / "missing")
-    return root / NAME, "no folder"
+    return root / NAME, "this is no folder"
 
 
 def folder_cannot_be_made(root, monkeypatch):
@@ -184,7 +190,7 @@ def told(caplog, path, reason):
 @pytest.mark.parametrize(
     "spoil",
     [
-        root_is_a_file, root_below_a_file, root_dangles, root_open_to_others, folder_open_to_a_group, folder_is_a_file,
+        root_is_a_file, root_below_a_file, root_dangles, root_below_a_dangling_link, root_open_to_others, folder_open_to_a_group, folder_is_a_file,
         folder_dangles, folder_cannot_be_made, folder_cannot_be_read, empty_folder_cannot_be_written,
     ],
 )  # fmt: skip

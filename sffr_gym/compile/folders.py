@@ -133,8 +133,8 @@ def _make(folder: Path) -> None:
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except FileExistsError:
-        raise NotADirectoryError(errno.ENOTDIR, "no folder, remove it", str(folder)) from None
+    except FileExistsError as error:
+        raise NotADirectoryError(errno.ENOTDIR, "this is no folder", error.filename) from None
 
 
 def _make_marked(folder: Path) -> None:
