@@ -2,43 +2,26 @@
 
 import errno
 import importlib
-import json
 import logging
 import os
 import pickle
 import shutil
-import subprocess
 import sys
 
 import numba
 import pytest
+import small_package
 from numba.core.serialize import dumps
 
 from sffr_gym.compile import cache, folders
 from sffr_gym.compile.cache import KernelCache
 
-PACKAGE = {
-    "__init__.py": (
-        "from pathlib import Path\n"
-        "from sffr_gym.compile.cache import cache_sources\n"
-        "cache_sources(__name__, Path(__file__).parent.rglob('*.py'))\n"
-    ),
-    "gain.py": "from sffr_gym.compile.jit import kernel\n\n@kernel\ndef gain(x):\n    return 2 * x\n",
-    "loop.py": (
-        "from sffr_gym.compile.jit import kernel\nfrom law.gain import gain\n\n"
-        "@kernel\ndef loop(x):\n    return gain(x) + 1\n"
-    ),
-}
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of files")
 
 
 @pytest.fixture
 def package(tmp_path):
-    """A folder that holds the package ``law``."""
-    (tmp_path / "law").mkdir()
-    for name, text in PACKAGE.items():
-        (tmp_path / "law" / name).write_text(text)
-    return tmp_path
+    return small_package.write(tmp_path)
 
 
 @pytest.fixture
@@ -250,7 +233,7 @@ def test_without_a_place_kernels_compile(start, monkeypatch):
 def test_kernels_of_modules_that_nobody_hashed_are_not_kept(start, package):
     """An edit of what they call would go unnoticed."""
     file = package / "own.py"
-    file.write_text(PACKAGE["loop.py"])
+    file.write_text(small_package.FILES["loop.py"])
     start()(1.0)
     before = entries(package)
     loop = importlib.import_module("own").loop
@@ -274,7 +257,7 @@ def test_compiling_removes_what_nobody_uses(start, package, monkeypatch):
 def test_an_edit_of_what_a_kernel_calls_is_seen(start, package):
     """numba's own cache would not see it."""
     assert start()(1.0) == 3.0
-    (package / "law" / "gain.py").write_text(PACKAGE["gain.py"].replace("2 * x", "5 * x"))
+    (package / "law" / "gain.py").write_text(small_package.FILES["gain.py"].replace("2 * x", "5 * x"))
     assert start()(1.0) == 6.0
 
 
@@ -287,81 +270,3 @@ def test_code_of_another_compiler_or_processor_is_not_ours(start, setting, monke
         monkeypatch.setattr(numba.config, "CPU_NAME", "generic")
     start()
     assert not cache.is_compiled()
-
-
-def run(package, code, **variables):
-    """Start a process with the package and an environment of its own."""
-    environment = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
-    return subprocess.Popen(
-        [sys.executable, "-c", code], env=environment | {"PYTHONPATH": str(package)} | variables, cwd=package,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-
-
-def test_an_edit_is_seen_in_the_users_numba_cache(package):
-    code = "from law.loop import loop; print(loop(1.0), loop.stats.cache_path)"
-    found = []
-    for factor in "25":
-        (package / "law" / "gain.py").write_text(PACKAGE["gain.py"].replace("2 * x", f"{factor} * x"))
-        output, errors = run(package, code, NUMBA_CACHE_DIR="numba").communicate(timeout=100)
-        assert errors == ""
-        found.append(output.split())
-    assert [value for value, _ in found] == ["3.0", "6.0"]
-    assert all(place.startswith(str(package / "numba" / "sffr-gym")) for _, place in found)
-
-
-def test_processes_that_start_at_once_share_a_cache(package):
-    """Each compiles other signatures first, so that none finds what another one has in mind."""
-    code = """
-import json, sys
-from law.loop import loop
-loop({}), loop({})
-print(json.dumps([loop(1), loop(1.0), loop(1j).imag, sum(loop.stats.cache_misses.values())]))
-"""
-    orders = [("1", "1.0"), ("1.0", "1j"), ("1j", "1")]
-    running = [run(package, code.format(*order), XDG_CACHE_HOME=str(package)) for order in orders]
-    outputs = [process.communicate(timeout=300) for process in running]
-    assert [errors for _, errors in outputs] == [""] * 3
-    assert all(json.loads(output)[:3] == [3, 3.0, 2.0] for output, _ in outputs)
-    output, _ = run(package, code.format("1j", "1"), XDG_CACHE_HOME=str(package)).communicate(timeout=100)
-    assert json.loads(output) == [3, 3.0, 2.0, 0], "the next one compiles nothing"
-
-
-NOBODY = """
-import os, pwd
-def nobody(uid):
-    raise KeyError(f"getpwuid(): uid not found: {uid}")
-pwd.getpwuid = nobody
-os.environ.pop("HOME", None)
-"""
-READ_ONLY = """
-import os
-def refuse(path, *arguments, **named):
-    raise OSError(30, "Read-only file system", str(path))
-os.utime = os.mkdir = refuse
-"""
-
-
-@POSIX
-@pytest.mark.parametrize(
-    ("before", "variables", "lines"),
-    [
-        (NOBODY, {}, 0),
-        (NOBODY, {"XDG_CACHE_HOME": "{package}/cache"}, 0),
-        (READ_ONLY, {}, 1),
-        ("", {"XDG_CACHE_HOME": "{package}/law/__init__.py"}, 1),
-        ("import warnings; warnings.simplefilter('error')", {"NUMBA_CACHE_DIR": "/proc/nowhere"}, 1),
-    ],
-    ids=["no home", "no home, a place", "read-only", "a file", "no such place"],
-)
-def test_importing_never_fails_for_the_cache(package, before, variables, lines):
-    """At most one line tells what is not kept where."""
-    variables = {name: value.format(package=package) for name, value in variables.items()}
-    (package / "tmp").mkdir()
-    process = run(
-        package, f"{before}\nfrom law.loop import loop\nprint(loop(1.0))",
-        **{"HOME": str(package / "home"), "TMPDIR": str(package / "tmp")} | variables,
-    )  # fmt: skip
-    output, errors = process.communicate(timeout=100)
-    assert output == "3.0\n", errors
-    assert len(errors.splitlines()) == lines, errors

@@ -190,8 +190,9 @@ def told(caplog, path, reason):
 @pytest.mark.parametrize(
     "spoil",
     [
-        root_is_a_file, root_below_a_file, root_dangles, root_below_a_dangling_link, root_open_to_others, folder_open_to_a_group, folder_is_a_file,
-        folder_dangles, folder_cannot_be_made, folder_cannot_be_read, empty_folder_cannot_be_written,
+        root_is_a_file, root_below_a_file, root_dangles, root_below_a_dangling_link, root_open_to_others,
+        folder_open_to_a_group, folder_is_a_file, folder_dangles, folder_cannot_be_made, folder_cannot_be_read,
+        empty_folder_cannot_be_written,
     ],
 )  # fmt: skip
 def test_a_place_that_cannot_be_used_is_named_once_and_another_taken(spoil, roots, monkeypatch, caplog):

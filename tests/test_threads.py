@@ -105,13 +105,13 @@ def test_no_control_groups_no_quota(tmp_path):
 
 
 def test_the_batch_and_the_number_of_jobs_follow(tmp_path):
-    """In a new process: both are settled when it starts."""
+    """In a new process: both are settled when it starts. Who asks for more jobs gets them."""
     code = (
         "import sffr_gym.envs.batch, sffr_workbench.cli.benchmark as benchmark\n"
-        "print(sffr_gym.envs.batch.THREADS, benchmark.available_cores())"
+        "print(sffr_gym.envs.batch.THREADS, benchmark.available_cores(), benchmark.MOST_JOBS)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"OMP_NUM_THREADS": "1,4"}, capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert done.stdout.split() == ["1", "1"]
+    assert done.stdout.split() == ["1", "1", str(4 * os.cpu_count())]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,7 @@ from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed
 from sffr_workbench.common import terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
-MOST_JOBS = 4 * available_cores()  # more only take memory, some 200 MB each
+MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
 
 
