@@ -133,7 +133,7 @@ def load_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, tell: T
         try:
             notes = _load(checkpoint, model, env)
         except ConfigError as error:
-            damages += str(error).splitlines()
+            damages.append(str(error).splitlines()[0])
             continue
         for damage in damages:
             tell(f"{damage}; {checkpoint.name} is taken, an earlier checkpoint")
@@ -205,4 +205,4 @@ def _holds_only_ours(path: Path) -> bool:
     """Say whether a folder, no link to one, holds nothing but files of the names that are written here."""
     if path.is_symlink() or not path.is_dir():
         return False
-    return all(entry.name in (STATE, ARRAYS) and entry.is_file(follow_symlinks=False) for entry in os.scandir(path))
+    return all(file.name in (STATE, ARRAYS) and file.is_file() and not file.is_symlink() for file in path.iterdir())
