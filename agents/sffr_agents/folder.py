@@ -33,12 +33,12 @@ class Begun(Section):
     config: dict[str, Any] = Field(description="what is trained; see config.TrainConfig")
 
 
-def check_seed(config: TrainConfig, seed: int) -> None:
-    """Raise ConfigError for a seed that training must not take."""
+def check_seed(config: TrainConfig, seed: int, where: str = "") -> None:
+    """Raise ConfigError for a seed that training must not take; its message begins with where the seed is from."""
     largest = VALIDATION_SEED - config.n_envs
     if not 0 <= seed <= largest:
         raise ConfigError(
-            f"seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
+            f"{where}seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
             f"and those from {EVALUATION_SEED} up are for evaluation alone"
         )
 
@@ -83,7 +83,7 @@ def read_run(out: Path) -> tuple[TrainConfig, int]:
 
     begun = build(Begun, _mapping(file), where)
     config = from_dict(begun.config, where)
-    check_seed(config, begun.seed)
+    check_seed(config, begun.seed, f"{file}: ")
     return config, begun.seed
 
 
