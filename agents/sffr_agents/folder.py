@@ -38,8 +38,8 @@ def check_seed(config: TrainConfig, seed: int, where: str = "") -> None:
     largest = VALIDATION_SEED - config.n_envs
     if not 0 <= seed <= largest:
         raise ConfigError(
-            f"{where}seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
-            f"and those from {EVALUATION_SEED} up are for evaluation alone"
+            f"{where}seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best "
+            f"model, and those from {EVALUATION_SEED} up are for evaluation alone"
         )
 
 

@@ -137,8 +137,8 @@ def begun_as(folder: Path, algo: str | None, seed: int | None, changes: Sequence
     if found := first_difference({"seed": held_seed, **data}, {"seed": seeds, **asked}):
         key, own, other = found
         raise ConfigError(
-            f"{folder}: holds a training with {key} = {json.dumps(own)}, not {json.dumps(other)}; leave that option out, or "
-            "choose another folder"
+            f"{folder}: holds a training with {key} = {json.dumps(own)}, not {json.dumps(other)}; leave that option "
+            "out, or choose another folder"
         )
     return held
 
