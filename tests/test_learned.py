@@ -181,7 +181,7 @@ def test_schedules_are_read_by_name_and_by_path():
     file = shipped_policies()["sac"]
     for name in ("sac", str(file), file):
         assert load_schedule(name).trained["algo"] == "sac"
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ConfigError, match=r"nowhere/best\.npz: cannot be read"):
         load_schedule("nowhere/best.npz")
 
 

@@ -192,9 +192,9 @@ def load_config(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     return _with_enough_samples(build_section(_model(data, where), data, where, overrides))
 
 
-def from_dict(data: dict[str, Any]) -> TrainConfig:
-    """Return the configuration that a run folder or a checkpoint keeps; raises ConfigError if it is not valid."""
-    return _with_enough_samples(build(_model(data, lambda key: "run"), data, lambda key: "run"))
+def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
+    """Return the configuration that a run folder keeps; raises ConfigError if it is not valid."""
+    return _with_enough_samples(build(_model(data, where), data, where))
 
 
 def build_section(model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]) -> SectionT:
@@ -235,6 +235,6 @@ def _with_enough_samples(config: TrainConfig) -> TrainConfig:
 def _model(data: dict[str, Any], where: Where) -> type[TrainConfig]:
     """Return the configuration's class; raises ConfigError for an unknown algorithm."""
     algo = data.get("algo")
-    if algo not in CONFIGS:
+    if not (isinstance(algo, str) and algo in CONFIGS):
         raise ConfigError(f"{where(('algo',))}: algo = {algo!r}: must be one of {', '.join(CONFIGS)}")
     return CONFIGS[algo]

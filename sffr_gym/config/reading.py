@@ -12,7 +12,7 @@ import json
 import os
 import stat
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from math import prod
 from pathlib import Path
 from typing import Any, NoReturn
@@ -24,7 +24,8 @@ from sffr_gym.config.errors import ConfigError
 MOST_JSON = 32_000_000  # bytes; a search's plan or a run's manifest has some 10 kB
 MOST_CSV = 100_000_000  # bytes; 200,000 episodes
 MOST_ARRAYS = 400_000_000  # bytes of all arrays of a file, expanded
-MOST_MEMBERS = 4096  # arrays in a file
+MOST_MEMBERS = 4096  # of a zip archive
+ZIP_ENTRY = b"PK\1\2"  # begins what an archive says of a member
 MOST_HEADER = 10_000  # characters of an array's header
 PLAIN = "?biufU"  # kinds of numbers, and texts; no objects, which would have to be unpickled
 
@@ -92,28 +93,34 @@ def parse_json(text: str, where: str) -> Any:
 
 
 def read_csv(file: Path, columns: Iterable[str]) -> list[dict[str, str]]:
-    """Return the rows of a CSV file, by the names of its columns.
+    """Return the rows of a CSV file, by the names of its columns; see :func:`read_text` and :func:`parse_csv`."""
+    return parse_csv(read_text(file, MOST_CSV), columns, str(file))
+
+
+def parse_csv(text: str, columns: Iterable[str], where: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV text, by the names of its columns.
 
     Args:
-        file: what to read.
+        text: what to read.
         columns: names that must be among those of the first line.
+        where: what it is, for messages.
 
     Raises:
-        ConfigError: see :func:`read_text`; if a column is missing or named twice, or a row has another length.
+        ConfigError: if it is no CSV, a column is missing or named twice, or a row has another length.
     """
     try:
-        lines = list(csv.reader(io.StringIO(read_text(file, MOST_CSV), newline=""), strict=True))
+        lines = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     except csv.Error as error:
-        raise ConfigError(f"{file}: is no valid CSV: {error}") from None
+        raise ConfigError(f"{where}: is no valid CSV: {error}") from None
     head = lines[0] if lines else []
     for name in columns:
         if name not in head:
-            raise ConfigError(f"{file}: has no column {name!r}")
+            raise ConfigError(f"{where}: has no column {name!r}")
     if len(set(head)) < len(head):
-        raise ConfigError(f"{file}:1: has two columns of the same name")
+        raise ConfigError(f"{where}:1: has two columns of the same name")
     for number, line in enumerate(lines[1:], 2):
         if len(line) != len(head):
-            raise ConfigError(f"{file}:{number}: must have {len(head)} entries, has {len(line)}")
+            raise ConfigError(f"{where}:{number}: must have {len(head)} entries, has {len(line)}")
     return [dict(zip(head, line, strict=True)) for line in lines[1:]]
 
 
@@ -127,11 +134,10 @@ def read_arrays(file: Path, most: int = MOST_ARRAYS) -> dict[str, np.ndarray]:
     Raises:
         ConfigError: if it cannot be read, is larger, is damaged or holds anything else.
     """
-    content = io.BytesIO(read_bytes(file, most))
+    content = read_bytes(file, most)
     try:
-        with zipfile.ZipFile(content) as archive:
+        with open_archive(content, most) as archive:
             members = archive.infolist()
-            _check_size(members, most)
             arrays = {member.filename.removesuffix(".npy"): _read_array(archive, member) for member in members}
     except Exception as error:  # zipfile, zlib and the parsers of headers have no common error for damaged bytes
         raise ConfigError(f"{file}: is no .npz file of plain arrays, or is damaged: {error}") from None
@@ -140,13 +146,32 @@ def read_arrays(file: Path, most: int = MOST_ARRAYS) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _check_size(members: Sequence[zipfile.ZipInfo], most: int) -> None:
-    """Raise ValueError for more arrays, or larger ones, than are read."""
-    size = sum(member.file_size for member in members)
-    if len(members) > MOST_MEMBERS or size > most:
-        raise ValueError(
-            f"{len(members)} arrays of {size / 1e6:,.1f} MB, at most {MOST_MEMBERS} of {most / 1e6:,.1f} MB are read"
-        )
+def open_archive(content: bytes, most: int) -> zipfile.ZipFile:
+    """Return a zip archive whose members have at most ``most`` bytes in all, expanded; see :func:`read_member`.
+
+    Raises:
+        ValueError: for more or larger members, beside what zipfile raises for damaged bytes.
+    """
+    count = content.count(ZIP_ENTRY)  # before zipfile makes an object of each
+    if count > MOST_MEMBERS:
+        raise ValueError(f"{count} members, at most {MOST_MEMBERS} are read")
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    size = sum(member.file_size for member in archive.infolist())
+    if size > most:
+        raise ValueError(f"{size / 1e6:,.1f} MB once it is expanded, at most {most / 1e6:,.1f} MB are read")
+    return archive
+
+
+def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    """Return the content of a member of an archive, never more than the archive announces.
+
+    Raises:
+        ValueError: for a method of compression that would expand without a bound.
+    """
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{member.filename!r} is compressed by method {member.compress_type}")
+    with archive.open(member) as packed:
+        return packed.read(member.file_size)
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
@@ -157,10 +182,7 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray
             damaged bytes raise.
     """
     name = member.filename.removesuffix(".npy")
-    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others would expand without a bound
-        raise ValueError(f"array {name!r} is compressed by method {member.compress_type}")
-    with archive.open(member) as packed:
-        content = bytearray(packed.read(member.file_size))
+    content = bytearray(read_member(archive, member))
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version not in _HEADER_READERS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -99,9 +100,10 @@ def write_damping(file: Path, tuning: Tuning, command: str) -> Path:
         f"q6: {tuning.q6!r}   # N m s/rad, its slope\n"
         f"cost: {tuning.cost:.5f}\n"
         f"hsc_cost: {tuning.hsc_cost:.5f}   # of the paper's B(0)\n"
-        f"command: {command}\n"
+        f"command: {json.dumps(command)}\n"
         f"date: {datetime.now(UTC):%Y-%m-%d}\n"
     )
+    file.parent.mkdir(parents=True, exist_ok=True)
     return write_whole(file, text.encode())
 
 

@@ -11,8 +11,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from sffr_gym import ConfigError
 from sffr_gym.compile.threads import available_cores
+from sffr_gym.config.files import check_target
 from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
 from sffr_gym.task.score import WEIGHTS
@@ -20,7 +20,17 @@ from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked,
 from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
-from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
+from sffr_workbench.cli.options import (
+    FirstSeed,
+    Overrides,
+    Overwrite,
+    ParamsFile,
+    Quiet,
+    ScenarioName,
+    argument,
+    option,
+    whole,
+)
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
 from sffr_workbench.common import terminal_table
@@ -108,6 +118,7 @@ def tune_hsc_command(
     out: Annotated[Path | None, option("--out -o", "Settings to write.", "FILE", "print only")] = None,
     params: ParamsFile = None,
     overrides: Overrides = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Find the constant virtual damping of HSC that costs least: the policy hsc-tuned.
@@ -117,8 +128,8 @@ def tune_hsc_command(
     """
     notes, results = consoles(quiet)
     with user_errors():
-        if out is not None and not out.absolute().parent.is_dir():
-            raise ConfigError(f"{out}: its folder does not exist")
+        if out is not None:
+            check_target(out, overwrite)
         found = tune_hsc(
             resolve_params(params, overrides or []), scenario, episodes, seed, evaluations,
             lambda q5, q6, cost: notes.print(

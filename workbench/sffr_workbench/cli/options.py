@@ -67,3 +67,4 @@ Overrides = Annotated[
 ScenarioName = Annotated[str, option("--scenario -s", "Shipped scenario's name, or a YAML file.", "S")]
 FirstSeed = Annotated[int, option("--seed", "Seed of the first episode; the next ones count up.", "K", parser=whole())]
 Quiet = Annotated[bool, option("--quiet -q", "Print errors only.")]
+Overwrite = Annotated[bool, option("--overwrite", "Replace FILE.")]
