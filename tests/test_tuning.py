@@ -83,9 +83,12 @@ def test_command_writes_its_settings(swinging, tmp_path):
 
 
 def test_command_says_what_is_wrong(tmp_path):
+    taken = tmp_path / "taken.yaml"
+    taken.write_text("mine")
     for arguments, message in (
         (["--seed", "1000000"], "training takes at least one"),
-        (["--out", str(tmp_path / "nowhere" / "file.yaml")], "its folder does not exist"),
+        (["--out", str(tmp_path)], "is a folder"),
+        (["--out", str(taken)], "--overwrite"),
     ):
         done = CliRunner().invoke(app, ["tune-hsc", *arguments])
         assert done.exit_code == 2 and message in done.stderr
