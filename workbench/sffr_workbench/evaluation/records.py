@@ -25,6 +25,7 @@ from sffr_gym.task.status import REASONS
 
 SUMMARY_FILE, PLAN_FILE, EPISODES_FILE = "summary.json", "plan.json", "episodes.csv"
 KEYS = ("scenario", "policy", "seed")  # of an episode
+LONGEST_NAME = 520  # characters, of a policy: those of its file and its folder
 FAILURES = tuple(REASONS.values())
 _WHOLE, _NUMBER = re.compile(r"-?[0-9]{1,20}"), re.compile(r"-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?")  # as Python writes
 
@@ -39,8 +40,8 @@ Measures = create_model("Measures", __base__=Section, **_FIELDS)
 class Episode(Section):
     """One episode of a policy."""
 
-    scenario: str = Field(min_length=1, description="name")
-    policy: str = Field(min_length=1, description="name")
+    scenario: str = Field(min_length=1, max_length=LONGEST_NAME, description="name")
+    policy: str = Field(min_length=1, max_length=LONGEST_NAME, description="name")
     seed: int = Field(ge=0, description="of the episode")
     measures: Measures = Field(description="of the episode")
     failure: str = Field(description="why it ended early")
@@ -169,7 +170,8 @@ def read_episodes(run: RunFolder | Path) -> list[Result]:
     for line, row in enumerate(rows, 2):
         result = _read_row(row, f"{file}:{line}")
         if result.scenario not in scenarios:
-            raise ConfigError(f"{file}:{line}: scenario = {result.scenario!r}: must be one of {', '.join(scenarios)}")
+            name = result.scenario[:60]
+            raise ConfigError(f"{file}:{line}: scenario = {name!r}: must be one of {', '.join(scenarios)[:300]}")
         key = (result.scenario, result.policy, result.seed)
         if (before := lines.setdefault(key, line)) != line:
             raise ConfigError(f"{file}:{line}: seed = {result.seed}: this policy's episode stands in line {before}")
