@@ -50,7 +50,7 @@ mutants: $(VENV)/.dev ## change the code in small ways and see whether tests not
 	$(BIN)/python tests/mutants.py --report docs/mutants.md $(MUTANTS_ARGS)
 
 bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
-	$(BIN)/sffr bench --out runs/bench
+	$(BIN)/sffr bench --out runs/bench --overwrite
 	$(BIN)/python -m pytest tests/benchmarks -W default --benchmark-autosave --benchmark-compare --benchmark-columns=median,iqr,rounds
 
 format: $(VENV)/.dev ## rewrite the code in the one format

@@ -21,6 +21,7 @@ from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save
 from sffr_baselines.policies import policy_title
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.score import costs
 from sffr_workbench.benchmark.episodes import Plan, run_episodes
@@ -153,13 +154,17 @@ def test_files_stand_beside_baselines_in_evaluation_and_benchmark(schedule, shor
     evaluation = evaluate(["ahsc", str(file)], short, 1)
     assert list(evaluation.results) == ["ahsc", "mine/best"]
     plan = Plan(("ahsc", str(file)), (short,), 1, 1_000_000, load_params())
-    results = run_episodes(plan, tmp_path / "run", jobs=1)
+    with RunFolder.claim(tmp_path / "run", "benchmark") as run:
+        results = run_episodes(plan, run, jobs=1)
     assert results == [own[0] for own in evaluation.results.values()]
     assert results[0].measures != results[1].measures
     network = Network((2.0 * schedule.network.matrices[0],), schedule.network.biases, False, False)
     save_schedule(file, replace(schedule, network=network))
-    with pytest.raises(ConfigError, match="another policy 'mine/best'"):
-        run_episodes(plan, tmp_path / "run", jobs=1)
+    with (
+        RunFolder.claim(tmp_path / "run", "benchmark") as run,
+        pytest.raises(ConfigError, match="another policy 'mine/best'"),
+    ):
+        run_episodes(plan, run, jobs=1)
 
 
 def test_policies_of_one_title_are_rejected(schedule, short, tmp_path):

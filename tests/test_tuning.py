@@ -83,11 +83,13 @@ def test_command_writes_its_settings(swinging, tmp_path):
 
 
 def test_command_says_what_is_wrong(tmp_path):
-    (tmp_path / "mine.yaml").write_text("a: 1")
+    taken = tmp_path / "mine.yaml"
+    taken.write_text("a: 1")
     for arguments, message in (
         (["--seed", "1000000"], "training takes at least one"),
-        (["--out", str(tmp_path / "mine.yaml")], "is there already; choose another name with --out or add --overwrite"),
-        (["--out", str(tmp_path / "mine.yaml" / "file.yaml")], "is not a folder"),
+        (["--out", str(tmp_path)], "is a folder"),
+        (["--out", str(taken)], "is there already; choose another name with --out or add --overwrite"),
+        (["--out", str(taken / "file.yaml")], "is not a folder"),
     ):
         done = CliRunner().invoke(app, ["tune-hsc", *arguments])
         assert done.exit_code == 2 and message in done.stderr

@@ -105,9 +105,11 @@ def policy_title(name: str) -> str:
 
 
 def check_titles(names: Sequence[str]) -> None:
-    """Make sure that tables can tell the policies apart; raises ConfigError."""
+    """Make sure that tables can show the policies and tell them apart; raises ConfigError."""
     titles = [policy_title(name) for name in names]
     for name, title in zip(names, titles, strict=True):
+        if not title.isprintable():
+            raise ConfigError(f"policy {name!r}: its name must be text on one line; rename its file or folder")
         if names.count(name) > 1:
             raise ConfigError(f"policy {name!r} is given twice")
         if titles.count(title) > 1:

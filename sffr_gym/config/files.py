@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -54,13 +55,20 @@ def check_target(file: Path, overwrite: bool = False) -> None:
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file under another name and put it into place, so that no reader ever finds a part of it."""
+    """Write a file under another name and put it into place, so that no reader ever finds a part of it.
+
+    Raises:
+        OSError: if it cannot be written, which names the file, whatever could not be done; the old one is left then.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         part.write_bytes(content)
         os.replace(part, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # of a folder that cannot be written any more
+            part.unlink()
     return path
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from sffr_gym.config.errors import ConfigError
 
 MOST_JSON = 32_000_000  # bytes; a search's plan or a run's manifest has some 10 kB
+MOST_DEPTH = 50  # of lists and mappings in each other; a manifest has 6
 MOST_CSV = 100_000_000  # bytes; 200,000 episodes
 MOST_ARRAYS = 400_000_000  # bytes of all arrays of a file, expanded
 MOST_MEMBERS = 4096  # of a zip archive
@@ -85,7 +86,9 @@ def parse_json(text: str, where: str) -> Any:
         ConfigError: if it is no JSON, gives a key twice, holds NaN or infinity, or is nested too deeply.
     """
     try:
-        return json.loads(text, object_pairs_hook=_distinct, parse_constant=_reject_constant)
+        value = json.loads(text, object_pairs_hook=_distinct, parse_constant=_reject_constant)
+        _check_depth(value)
+        return value
     except RecursionError:
         raise ConfigError(f"{where}: is nested too deeply") from None
     except ValueError as error:
@@ -207,6 +210,21 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         names = [name for name, _ in pairs]
         raise ValueError(f"key {next(name for name in names if names.count(name) > 1)!r} is given twice")
     return found
+
+
+def _check_depth(value: Any) -> None:
+    """Raise RecursionError if a value is nested more deeply than whoever walks through it can follow."""
+    level = [value]
+    for _ in range(MOST_DEPTH + 1):
+        level = [
+            child
+            for each in level
+            if isinstance(each, dict | list)
+            for child in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return
+    raise RecursionError
 
 
 def _reject_constant(name: str) -> NoReturn:

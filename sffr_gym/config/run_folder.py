@@ -15,17 +15,18 @@ import glob
 import os
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Self
 
 from filelock import FileLock, Timeout
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, Field
 
 from sffr_gym.config.errors import ConfigError
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.reading import read_json
 from sffr_gym.config.sections import Section
-from sffr_gym.config.strict_yaml import build
+from sffr_gym.config.strict_yaml import build, check_error
 
 CARD, LOCK = "sffr-run.json", ".sffr-run.lock"
 FORMAT = 1  # of run folders; a newer one is not touched
@@ -38,14 +39,16 @@ MOST_CARD = 10_000_000  # bytes
 
 
 def _inside(name: str) -> str:
-    """Return a name as it is; raises ValueError if it leads out of the folder."""
+    """Return a name as it is; raises an error of pydantic if it leads out of the folder or is none."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name or not path.parts:
-        raise ValueError(f"{name!r} leads out of the folder")
+        raise check_error("leads out of the folder")
+    if not name.isprintable():
+        raise check_error("is no name of a file")
     return name
 
 
-Inside = Annotated[str, BeforeValidator(_inside)]
+Inside = Annotated[str, AfterValidator(_inside)]
 
 
 class Card(Section):
@@ -70,6 +73,7 @@ class RunFolder:
 
     def __init__(self, path: Path, card: Card, lock: FileLock | None = None) -> None:
         self.path, self._card, self._lock = path, card, lock
+        self._made = False  # by this process
 
     @classmethod
     def claim(
@@ -88,7 +92,7 @@ class RunFolder:
             ConfigError: if it holds anything but an unfinished run of this kind, cannot be written, or another process
                 writes to it; nothing in it has changed then.
         """
-        held = _check(path, kind, overwrite or resume, shared)
+        held, made = _check(path, kind, overwrite or resume, shared), not path.exists()
         try:
             path.mkdir(parents=True, exist_ok=True)
             lock = FileLock(path / LOCK)
@@ -102,6 +106,7 @@ class RunFolder:
         try:
             held = _check(path, kind, overwrite or resume, shared)  # again: now nobody else can change it
             folder = cls(path, held or Card(kind=kind, format=FORMAT, finished=False, files=()), lock)
+            folder._made = made
             folder._finish_replacing()
             folder._remove_parts()
             if held is None:
@@ -232,7 +237,12 @@ class RunFolder:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Release the folder."""
+        """Release the folder; one that was made for a run that ended before it wrote anything goes."""
+        if error[0] is not None and self._made and not self._card.files:
+            with suppress(OSError):  # somebody else put something into it
+                (self.path / CARD).unlink()
+                (self.path / LOCK).unlink()
+                self.path.rmdir()
         self.release()
 
     def _update(self, **changes: object) -> None:

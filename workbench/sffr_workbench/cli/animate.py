@@ -11,7 +11,7 @@ from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_gym.task.signals import VIBRATION
 from sffr_workbench.cli.options import Overrides, ParamsFile, Quiet, ScenarioName, argument, number, option, whole
 from sffr_workbench.cli.progress import EvaluationProgress
-from sffr_workbench.cli.terminal import consoles, user_errors
+from sffr_workbench.cli.terminal import consoles, interruptible
 from sffr_workbench.common import format_number
 from sffr_workbench.figures import MovieOptions, animate
 
@@ -47,11 +47,10 @@ def animate_command(
     A GIF needs the extra [bold]render[/], an MP4 [bold]video[/]: pip install "sffr-gym\[video]".
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        out = out or Path("runs") / f"{'-'.join(Path(policy).name for policy in policies)}-{Path(scenario).stem}.gif"
-        options = MovieOptions(speed, fps, duration, size, exaggeration)
-        with EvaluationProgress(notes) as progress:
-            trajectories = animate(policies, out, scenario, seed, params, overrides or (), options, overwrite, progress)
+    out = out or Path("runs") / f"{'-'.join(Path(policy).name for policy in policies)}-{Path(scenario).stem}.gif"
+    options = MovieOptions(speed, fps, duration, size, exaggeration)
+    with interruptible(notes, "nothing was written"), EvaluationProgress(notes) as progress:
+        trajectories = animate(policies, out, scenario, seed, params, overrides or (), options, overwrite, progress)
     for trajectory in trajectories:
         energy = 1000.0 * trajectory.signals[:, VIBRATION].mean()
         end = f", failed: {trajectory.failure}" if trajectory.failure else ""

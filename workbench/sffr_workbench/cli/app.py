@@ -8,8 +8,10 @@ import typer
 
 from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import animate, benchmark, evaluate, learning, report, reproduce, speed, verify
+from sffr_workbench.cli.terminal import Commands
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",

@@ -32,7 +32,7 @@ from sffr_workbench.cli.options import (
     whole,
 )
 from sffr_workbench.cli.progress import ProgressBar, time_left
-from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
+from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command
 from sffr_workbench.common import terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
@@ -79,17 +79,17 @@ def benchmark_command(
     episode is kept at once: the same command, or one with more policies, scenarios or episodes, runs what is missing.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        figures = figures and can_draw(notes)
-        plan = Plan(
-            tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
-            resolve_params(params, overrides or []),
-        )  # fmt: skip
-        advice = f"what was finished is kept in {out}, and the same command goes on"
-        with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
-            scores, written = run_benchmark(
-                plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
-            )
+    figures = figures and can_draw(notes)
+    plan = Plan(
+        tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
+        resolve_params(params, overrides or []),
+    )  # fmt: skip
+    again = "the same command without --overwrite" if overwrite else "the same command"
+    advice = f"what was finished is kept in {out}, and {again} goes on"
+    with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
+        scores, written = run_benchmark(
+            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
+        )
     print_scores(results, scores)
     pages = (str(path) for path in written if path.name == RESULTS_FILE)
     results.print(f"\n{', '.join(pages)}", markup=False, soft_wrap=True)
@@ -100,9 +100,8 @@ def compare_command(
 ) -> None:
     """Compare policies of several runs on the episodes that all of them have, relative to AHSC."""
     _, results = consoles()
-    with user_errors():
-        episodes = common_episodes(runs)
-        scores = score_suite(episodes)
+    episodes = common_episodes(runs)
+    scores = score_suite(episodes)
     print_scores(results, scores)
     count = len({(episode.scenario, episode.seed) for episode in episodes})
     results.print(f"\n{count} common episodes of {', '.join(scores.scenarios)}", style="dim", soft_wrap=True)
@@ -127,9 +126,9 @@ def tune_hsc_command(
     numbers are in configs/policies/hsc-tuned.yaml.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        if out is not None:
-            check_target(out, overwrite)
+    if out is not None:
+        check_target(out, overwrite)
+    with interruptible(notes, "nothing was written"):
         found = tune_hsc(
             resolve_params(params, overrides or []), scenario, episodes, seed, evaluations,
             lambda q5, q6, cost: notes.print(
@@ -137,6 +136,7 @@ def tune_hsc_command(
             ),
         )  # fmt: skip
         if out is not None:
+            out.parent.mkdir(parents=True, exist_ok=True)
             write_damping(out, found, shlex.join(typed_command()))
     results.print(
         f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad: cost {found.cost:.4f}; with B(0) {found.hsc_cost:.4f}; "

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
-from urllib.parse import quote
 
 import numpy as np
 from pydantic import Field
@@ -20,6 +20,7 @@ from sffr_baselines.rollout import STRIDE, Trajectory
 from sffr_gym import ConfigError, Params, Simulator
 from sffr_gym.config.ranges import Period, Radius
 from sffr_gym.config.reading import parse_json, read_arrays
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import build
 from sffr_gym.physics.actuators import pack_actuators
@@ -29,9 +30,11 @@ from sffr_gym.task.episode import Episode
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.types import Array
+from sffr_workbench.common import file_name
 
 RECORDINGS, SUFFIX = "recordings", ".npz"
 ABOUT = "about"  # name of the text within a file
+LARGEST = 1.0e9  # of times, coordinates and commands in SI units; no robot gets so far
 
 
 class ReferenceSection(Section):
@@ -148,19 +151,23 @@ class Recording:
                 raise ValueError(f"{name} has the shape {arrays[name].shape} instead of {shape}")
         if rows == 0:
             raise ValueError("holds no state")
+        for name in "t", "p", "applied", "limit":
+            if not (np.abs(arrays[name]) <= LARGEST).all():
+                raise ValueError(f"{name} must be finite, and at most {LARGEST:.0e}")
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.type == "Array")
 
 
-def recording_file(folder: Path, policy: str) -> Path:
-    """Return where a run folder keeps the recording of a policy, whose name may be a path."""
-    return folder / RECORDINGS / (quote(policy, safe="") + SUFFIX)
+def recording_name(policy: str) -> str:
+    """Return the name of a policy's recording in a run folder."""
+    return f"{RECORDINGS}/{file_name(policy)}{SUFFIX}"
 
 
-def recording_files(folder: Path) -> list[Path]:
-    """Return the recordings of a run folder, sorted by the policies' names."""
-    return sorted((folder / RECORDINGS).glob("*" + SUFFIX))
+def recording_files(run: RunFolder) -> list[Path]:
+    """Return the recordings of a run that are still there, sorted by the policies' names."""
+    names = sorted(name for name in run.files if name.startswith(f"{RECORDINGS}/") and name.endswith(SUFFIX))
+    return [file for file in map(run.file, names) if os.path.lexists(file)]
 
 
 def actuator_limits(episode: Episode) -> Array:

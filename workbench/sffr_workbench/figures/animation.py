@@ -16,7 +16,7 @@ from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.config.arguments import check_arguments
-from sffr_gym.config.files import write_whole
+from sffr_gym.config.files import check_target, write_whole
 from sffr_gym.envs.arguments import ParamsLike, resolve_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
@@ -25,7 +25,7 @@ from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore, require
-from sffr_workbench.evaluation import check_file, episode_progress, make_policies, recorded_signals
+from sffr_workbench.evaluation import episode_progress, make_policies, recorded_signals
 from sffr_workbench.figures.style import policy_colours
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class MovieOptions:
             raise ConfigError(f"{out}: the name must end in {' or '.join(FORMATS)}")
         for module, extra in FORMATS[".gif"], FORMATS[out.suffix]:
             require(extra, module)
-        check_file(out, overwrite)
+        check_target(out, overwrite)
         if out.suffix == ".gif" and self.fps not in RATES:
             rates = ", ".join(map(str, RATES))
             raise ConfigError(

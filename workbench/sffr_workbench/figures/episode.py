@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from sffr_gym.task.signals import VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.evaluation import FIGURE_FILES, actuator_limits
 from sffr_workbench.figures.robot import path_figure
-from sffr_workbench.figures.style import canvas, policy_colours, save_figures, title_with_limit
+from sffr_workbench.figures.style import canvas, draw_figures, policy_colours, title_with_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,14 +52,14 @@ class FigureData:
         return lines
 
 
-def save_episode_figures(folder: Path, trajectories: Mapping[str, Trajectory]) -> list[Path]:
-    """Draw a trajectory of each policy, all in the same episode, into a folder and return the files.
+def draw_episode_figures(trajectories: Mapping[str, Trajectory]) -> dict[str, bytes]:
+    """Draw a trajectory of each policy, all in the same episode, and return the contents of the PNG files by name.
 
     Raises:
         ModuleNotFoundError: without matplotlib.
     """
     painters = dict(zip(FIGURE_FILES, (path, tracking, panels, damping, forces), strict=True))
-    return save_figures(folder, painters, figure_data(trajectories))
+    return draw_figures(painters, figure_data(trajectories))
 
 
 def figure_data(trajectories: Mapping[str, Trajectory]) -> FigureData:

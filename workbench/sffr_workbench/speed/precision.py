@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from sffr_gym.config.files import write_whole
 from sffr_gym.physics.integrator import ETDRK4, RK4
 from sffr_workbench.figures.style import png
 from sffr_workbench.speed.circle import Course, Drive, close_loop, drive, make_course, relative_errors
@@ -66,8 +64,8 @@ def precision(repeats: int, quick: bool) -> Section:
     ])  # fmt: skip
 
 
-def save_picture(section: Section, folder: Path) -> Path:
-    """Draw the diagram."""
+def draw_picture(section: Section) -> bytes:
+    """Draw the diagram and return the content of its PNG file."""
     figure = Figure(figsize=(8.2, 4.6), layout="constrained")
     axes = figure.subplots()
     for method, (colour, marker) in STYLES.items():
@@ -83,7 +81,7 @@ def save_picture(section: Section, folder: Path) -> Path:
     axes.grid(color="#e3e6e8", linewidth=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(frameon=False, loc="outside right upper")
-    return write_whole(folder / PICTURE, png(figure))
+    return png(figure)
 
 
 def _results(course: Course, repeats: int, quick: bool) -> Iterator[Result]:
