@@ -40,5 +40,6 @@ def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
         raise ValueError(f"action must have shape {shape}, got {array.shape}")
     array = array.astype(np.float64, copy=False)
     if np.isnan(array).any():
-        raise ValueError(f"action has NaN at {np.argwhere(np.isnan(array)).tolist()}")
+        places = np.argwhere(np.isnan(array))
+        raise ValueError(f"action has NaN at {(places.ravel() if array.ndim == 1 else places).tolist()}")
     return array

@@ -19,7 +19,7 @@ from sffr_gym.envs.fleet import N_SIZES, make_fleet, plant_at, same_layout
 from sffr_gym.physics.model import Sizes
 from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.task.episode import Episode, Health, Nominal
-from sffr_gym.task.reference import circle_reference
+from sffr_gym.task.reference import circle_reference, flat_reference
 from sffr_gym.task.scenario import MOST_IMPULSES
 from sffr_gym.task.status import REASONS
 from sffr_gym.task.task_model import TaskModel, plant_of
@@ -27,6 +27,8 @@ from sffr_gym.types import Array
 
 MOST_TICKS = 2**31 - 1  # control periods of an episode
 MOST_STEPS = 100_000  # integration steps in a control period
+FAR = 1.0e6  # m, rad and their rates: no reference reaches so far, and no noise is so large
+LARGE = 1.0e100  # whose square is finite; for what was measured
 STIFF = Sizes._fields.index("stiff")
 SETTLED = ("period", "limits", "scale", "bound", "weights")  # numbers of a plant that no scenario draws
 
@@ -57,8 +59,8 @@ def check_batch(batch: Batch, prior: TaskModel) -> None:
     check_finite(batch, "state.batch")
     limits = {
         "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
-        "clipped": (0, len(prior.scale)), "status": (0, len(REASONS) - 1), "level": (0.0, np.inf),
-        "obs": (-prior.bound, prior.bound),
+        "clipped": (0, len(prior.scale)), "status": (0, len(REASONS) - 1), "level": (0.0, FAR),
+        "obs": (-prior.bound, prior.bound), "reference": (-FAR, FAR), "signals": (-LARGE, LARGE),
     }  # fmt: skip
     for name, (low, high) in limits.items():
         check_range(getattr(batch, name), low, high, f"state.batch.{name}")
@@ -94,15 +96,15 @@ def check_episode(episode: Any, known: Nominal, prior: TaskModel) -> TaskModel:
     here = "state.episode"
     for values, low, high, name in (
         (episode.ticks, 1, MOST_TICKS, "ticks"), (episode.sensing.key, 0, KEYS - 1, "sensing.key"),
-        (episode.sensing.delay, 0, 1, "sensing.delay"), (episode.sensing.level, 0.0, np.inf, "sensing.level"),
+        (episode.sensing.delay, 0, 1, "sensing.delay"), (episode.sensing.level, 0.0, FAR, "sensing.level"),
         (episode.health.piezo, 0.0, 1.0, "health.piezo"), (episode.health.thruster, 0.0, 1.0, "health.thruster"),
         (episode.health.joint, 0.0, 1.0, "health.joint"), (len(episode.impulses.tick), 0, MOST_IMPULSES, "impulses"),
         (episode.impulses.tick, NEVER, MOST_TICKS, "impulses.tick"),
+        (flat_reference(episode.reference), -FAR, FAR, "reference"),
     ):  # fmt: skip
         check_range(values, low, high, f"{here}.{name}")
-    parts = (episode.p, episode.v, episode.sensing.level, episode.impulses.impulse, *episode.reference)
-    if not np.isfinite(np.concatenate([np.ravel(part) for part in parts])).all():
-        raise ValueError(f"{here}: p, v, reference, noise and impulses must be finite")
+    if not all(np.isfinite(part).all() for part in (episode.p, episode.v, episode.impulses.impulse)):
+        raise ValueError(f"{here}: p, v and impulses must be finite")
     drawn = episode.drawn
     if not isinstance(drawn, dict) or not all(isinstance(k, str) and isinstance(v, float) for k, v in drawn.items()):
         raise ValueError(f"{here}.drawn: must map names to numbers")
