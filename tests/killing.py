@@ -18,7 +18,7 @@ import psutil
 
 from sffr_gym.config.run_folder import CARD, LOCK
 
-PATIENCE = 300.0  # s, for a command that needs seconds, on a machine that does much else
+PATIENCE = 900.0  # s, for a command that needs seconds, on a machine that does much else
 LINGERING = 30.0  # s in which processes have to be gone; they look every 0.25 s
 
 
@@ -71,6 +71,9 @@ def started(folder: Path, *arguments: object, **options: Any) -> Iterator[Comman
         for each in members(process.pid):
             each.kill()
         process.wait()
+        for stream in process.stdout, process.stderr:
+            if stream is not None:
+                stream.close()
 
 
 def run_whole(folder: Path, *arguments: object) -> tuple[int, str]:
@@ -133,10 +136,14 @@ def kill_at_random(
         own.mkdir()
         prepare(own)
         with started(own, *arguments) as command:
-            if command.wait_until(alive):
-                time.sleep(rng.uniform(0.0, seconds))
-            running += command.process.poll() is None
-            command.stop(signal.SIGKILL)
+            command.wait_until(alive)
+            begun, moment = time.monotonic(), rng.uniform(0.0, seconds)
+            try:
+                command.process.wait(moment)
+                seconds = time.monotonic() - begun  # the first run may have compiled something
+            except subprocess.TimeoutExpired:
+                running += 1
+                command.stop(signal.SIGKILL)
         check(own)
         code, errors = run_whole(own, *arguments)
         assert "Traceback" not in errors

@@ -89,6 +89,10 @@ class Member(Present):
         """The seed of it; -1 if that is not known."""
         return self._env.np_random_seed[self._row]
 
+    def read(self, name: str) -> Any:
+        """Return an attribute; raises AttributeError, which says what to use instead, for what is not there to be read."""
+        return self.__getattr__(name) if name.startswith("_") else getattr(self, name)
+
     def __getattr__(self, name: str) -> Any:
         """Return what is the same for all environments, or a row of what the batch has of each."""
         batched = {"action_space": "single_action_space", "observation_space": "single_observation_space"}

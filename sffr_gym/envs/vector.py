@@ -204,7 +204,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         Raises:
             AttributeError: for what single environments of a batch do not have; the message says what to use instead.
         """
-        found = [getattr(Member(self, i), name) for i in range(self.num_envs)]
+        found = [Member(self, i).read(name) for i in range(self.num_envs)]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:

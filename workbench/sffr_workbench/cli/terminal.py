@@ -32,10 +32,7 @@ class Commands(TyperGroup):
     """The commands, none of which meets a user's input with a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; what its output's encoding does not know is written as an escape."""
-        for stream in sys.stdout, sys.stderr:
-            if hasattr(stream, "reconfigure"):
-                stream.reconfigure(errors="backslashreplace")
+        """Run a command."""
         with user_errors():
             return super().invoke(ctx)
 
