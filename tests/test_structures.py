@@ -43,13 +43,8 @@ def test_a_batch_of_any_plants_is_each_of_them_alone(name):
 
 def test_a_law_inside_runs_on_any_plants():
     """The same with a decision for many periods."""
-<<<<<<< HEAD
-    stiff = WIDE.model_copy(update={"plant": PlantFactors(EI=(0.5, 20.0))})
-    arguments = {"scenario": stiff, "overrides": SETTINGS["classical"], "duration": 0.2}
-=======
     light = WIDE.model_copy(update={"plant": PlantFactors(panel_mass=(0.1, 2.0))})
     arguments = {"scenario": light, "overrides": SETTINGS["classical"], "duration": 0.2, "random_phase": False}
->>>>>>> envs
     batch = SFFRFlexDampingVectorEnv(4, **arguments)
     loop = SyncVectorEnv([lambda: SFFRFlexDampingEnv(**arguments)] * 4)
     np.testing.assert_array_equal(batch.reset(seed=3)[0], loop.reset(seed=3)[0])
@@ -61,11 +56,7 @@ def test_a_law_inside_runs_on_any_plants():
 
 STARTS = [
     ("offset", "limits.position=0.02", "limits.position: bounds base_error to 0.02"),
-<<<<<<< HEAD
-    ("offset", "limits.position=0.15", "limits.position: bounds object_error to 0.15"),
-=======
     ("offset", "limits.position=0.15", "limits.position: bounds base_error to 0.15"),
->>>>>>> envs
     ("excited", "limits.rate=0.1", "limits.rate: bounds elastic_rate to 0.1"),
     ("fast", "limits.velocity=1.0", "limits.velocity: bounds reference_velocity to 1"),
 ]
