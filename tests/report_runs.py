@@ -1,9 +1,14 @@
 """Short runs for the tests of the report."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
+from sffr_gym.config.provenance import origin
 from sffr_gym.config.run_folder import RunFolder
-from sffr_workbench.evaluation import Evaluation, evaluate, write_run
+from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.score import Result
+from sffr_workbench.evaluation import Evaluation, Manifest, evaluate, write_run
+from sffr_workbench.report.runs import Run
 
 SCENARIO = """
 name: {name}
@@ -28,3 +33,15 @@ def leave_run(folder: Path, evaluation: Evaluation, command: list[str]) -> list[
     """Write an evaluation into a folder, over the one that is there, and return the files."""
     with RunFolder.claim(folder, "evaluation", overwrite=True) as run:
         return write_run(run, evaluation, command)
+
+
+def made_up(policy, vibration, failure=""):
+    """An episode with a vibration energy."""
+    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "track_rmse": 2e-6, "piezo_effort": 0.0}
+    return Result("made-up", policy, 0, measures, failure, {})
+
+
+def made_up_run(name, results):
+    """A run of some episodes, without figures and recordings."""
+    facts = origin(["sffr"], datetime.now(UTC), 1.0) | {"policies": []}
+    return Run(name, results, Manifest(**facts), "", [], [])

@@ -5,31 +5,26 @@ import json
 import re
 import shutil
 from dataclasses import replace
-from datetime import UTC, datetime
 from html.parser import HTMLParser
 from importlib import resources
 
 import numpy as np
 import pytest
 from command_line import sffr
-from report_runs import SEED, run
+from report_runs import SEED, made_up, made_up_run, run
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout
-from sffr_gym.config.provenance import origin
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import modal_tip_deflections
 from sffr_gym.physics.model import mode_slice, pack
 from sffr_gym.render.geometry import panel_line, place_in_panel
-from sffr_gym.task.metrics import MEASURES
-from sffr_gym.task.score import Result
 from sffr_gym.task.signals import ERROR, VIBRATION
-from sffr_workbench.evaluation import Manifest
 from sffr_workbench.evaluation.recording import RECORDINGS, Recording
 from sffr_workbench.figures.style import POLICY_COLOURS
 from sffr_workbench.report.page import REPORT_FILE, SCRIPTS, STYLES, report_page, write_report
 from sffr_workbench.report.replay import columns_of, episode_data, group_by_episode
-from sffr_workbench.report.runs import Run, read_run, score_table
+from sffr_workbench.report.runs import read_run, score_table
 from sffr_workbench.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 
 pytest.importorskip("jinja2")
@@ -126,17 +121,6 @@ def test_every_script_and_style_is_in_the_page(text):
     for name in (*SCRIPTS, *STYLES):
         content = (resources.files("sffr_workbench.report") / "templates" / name).read_text(encoding="utf-8")
         assert content in text and "</script" not in content
-
-
-def made_up(policy, vibration, failure=""):
-    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "track_rmse": 2e-6, "piezo_effort": 0.0}
-    return Result("made-up", policy, 0, measures, failure, {})
-
-
-def made_up_run(name, results):
-    """A run of some episodes, without figures and recordings."""
-    facts = origin(["sffr"], datetime.now(UTC), 1.0) | {"policies": []}
-    return Run(name, results, Manifest(**facts), "", [], [])
 
 
 def test_scores_are_means_in_the_heads_units():

@@ -9,7 +9,17 @@ import typer
 
 from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_gym.task.signals import VIBRATION
-from sffr_workbench.cli.options import Overrides, ParamsFile, Quiet, ScenarioName, argument, number, option, whole
+from sffr_workbench.cli.options import (
+    Overrides,
+    Overwrite,
+    ParamsFile,
+    Quiet,
+    ScenarioName,
+    argument,
+    number,
+    option,
+    whole,
+)
 from sffr_workbench.cli.progress import EvaluationProgress
 from sffr_workbench.cli.terminal import consoles, interruptible
 from sffr_workbench.common import format_number
@@ -39,7 +49,7 @@ def animate_command(
     exaggeration: Annotated[
         float, option("--exaggeration", "Draw deflections so many times as large.", "N", parser=number())
     ] = MovieOptions.exaggeration,
-    overwrite: Annotated[bool, option("--overwrite", "Replace FILE.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     r"""Make a moving picture of a policy at work, or of two side by side in the same episode: GIF or MP4.

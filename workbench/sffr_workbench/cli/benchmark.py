@@ -136,7 +136,6 @@ def tune_hsc_command(
             ),
         )  # fmt: skip
         if out is not None:
-            out.parent.mkdir(parents=True, exist_ok=True)
             write_damping(out, found, shlex.join(typed_command()))
     results.print(
         f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad: cost {found.cost:.4f}; with B(0) {found.hsc_cost:.4f}; "

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sffr_workbench.cli.options import Quiet, argument, option
+from sffr_workbench.cli.options import Overwrite, Quiet, argument, option
 from sffr_workbench.cli.terminal import consoles, interruptible
 from sffr_workbench.common import require
 from sffr_workbench.report import REPORT_FILE, write_report
@@ -21,7 +21,7 @@ def add_commands(app: typer.Typer) -> None:
 def report_command(
     runs: Annotated[list[Path], argument("RUN", "Run folders of sffr evaluate or sffr benchmark.", False)],
     out: Annotated[Path | None, option("--out -o", "The page.", "FILE", f"{REPORT_FILE} in the first RUN")] = None,
-    overwrite: Annotated[bool, option("--overwrite", "Replace FILE.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     r"""Put runs into one page: scores, figures, spectra, use of the actuators, and a replay to play and to scrub.
