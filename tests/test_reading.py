@@ -69,7 +69,7 @@ def test_what_an_archive_announces_is_compared_before_it_is_expanded(tmp_path: P
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as target, target.open("a.npy", "w") as member:
         for _ in range(64):
             member.write(bytes(1 << 20))
-    with pytest.raises(ConfigError, match=r"67\.1 MB, at most 4096 of 32\.0 MB are read"):
+    with pytest.raises(ConfigError, match=r"67\.1 MB once it is expanded, at most 32\.0 MB are read"):
         read_arrays(file, 32_000_000)
 
 

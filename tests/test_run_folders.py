@@ -230,7 +230,8 @@ def test_a_target_is_checked_before_anything_runs(tmp_path: Path) -> None:
     for file, message in (
         (tmp_path / "a.png", "is there already; choose another name with --out or add --overwrite"),
         (tmp_path, "is a folder"), (tmp_path / "a.png" / "b.png", "a.png is not a folder"),
-        (Path("a\0b"), "is no name of a file"),
+        (Path("a\0b"), "is no name of a file"), (tmp_path / ("x" * 252), "is no name of a file: .* too long"),
+        (tmp_path / "new" / ("x" * 252), "is no name of a file: .* too long"),
     ):  # fmt: skip
         with pytest.raises(ConfigError, match=message):
             check_target(file)

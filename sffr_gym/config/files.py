@@ -45,6 +45,8 @@ def check_target(file: Path, overwrite: bool = False) -> None:
         above = file.absolute().parent
         while not above.exists():
             above = above.parent
+        with suppress(FileNotFoundError, NotADirectoryError):
+            os.lstat(_part(above / file.name))  # raises for a name that is too long
     except (OSError, ValueError) as error:
         if isinstance(error, ConfigError):
             raise
@@ -60,7 +62,7 @@ def write_whole(path: Path, content: bytes) -> Path:
     Raises:
         OSError: if it cannot be written, which names the file, whatever could not be done; the old one is left then.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}")
+    part = _part(path)
     try:
         part.write_bytes(content)
         os.replace(part, path)
@@ -70,6 +72,11 @@ def write_whole(path: Path, content: bytes) -> Path:
         with suppress(OSError):  # of a folder that cannot be written any more
             part.unlink()
     return path
+
+
+def _part(path: Path) -> Path:
+    """Return the name of a file while it is being written."""
+    return path.with_name(f".{path.name}.{os.getpid()}")
 
 
 def _plain(value: Any) -> Any:

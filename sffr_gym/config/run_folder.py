@@ -36,6 +36,7 @@ KINDS = {  # of runs, and what leaves them
     "pages": "sffr benchmark --docs",
 }  # fmt: skip
 MOST_CARD = 10_000_000  # bytes
+MOST_FILES = 10_000  # whose remains are looked for whenever a run begins; files of one kind have a folder on the list
 
 
 def _inside(name: str) -> str:
@@ -57,7 +58,7 @@ class Card(Section):
     kind: str = Field(description="of the run")
     format: int = Field(ge=1, description="of the folder")
     finished: bool = Field(description="whether the run is")
-    files: tuple[Inside, ...] = Field(description="that the run wrote, without this one")
+    files: tuple[Inside, ...] = Field(max_length=MOST_FILES, description="that the run wrote, without this one")
     replacing: dict[Inside, Inside | None] = Field(
         default={}, description="what waits to take the place of a file, by its name; null if the file only goes"
     )
