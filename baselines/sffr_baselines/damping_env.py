@@ -152,7 +152,6 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
-        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
 
     @property
@@ -232,7 +231,6 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         actions = step_limit(max_episode_steps)
         self._max_steps = None if actions is None else actions * self.law.schedule.hold
-        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping = make_damping(self.law, num_envs)
         self._memory = damping_memory(self.prior_task, self.law, num_envs)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset

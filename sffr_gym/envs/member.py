@@ -90,7 +90,7 @@ class Member(Present):
         return self._env.np_random_seed[self._row]
 
     def read(self, name: str) -> Any:
-        """Return an attribute; raises AttributeError for what is not there, with what to use instead."""
+        """Return an attribute; raises AttributeError, which says what to use instead, for what cannot be read."""
         return self.__getattr__(name) if name.startswith("_") else getattr(self, name)
 
     def __getattr__(self, name: str) -> Any:

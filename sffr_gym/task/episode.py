@@ -101,6 +101,10 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     model, p, v = known.model, known.p.copy(), known.v.copy()
     if plant is not prior:
         model = pack(plant)
+        if (model.at, model.n_axial) != (known.model.at, known.model.n_axial):  # by rounding, of a cut on a frequency
+            raise ConfigError(
+                f"{scenario.name}: plant: a drawn plant has other modes; move panel.bending_cut or axial_cut"
+            )
         p, v = initial_positions(plant, model)
     reference = circle_reference(prior, model, p, phase=phase)
     _match_path_speed(known.params.path.speed, prior.path.speed, reference, model, p, v)
