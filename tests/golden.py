@@ -36,7 +36,7 @@ VARIANTS = {  # robots and settings that take other ways through the kernels
     "rk4": ("simulation.integrator=rk4",),
     "staggered": ("simulation.coupling=staggered",),
     "free": ("object=null",),
-    "tangent": ("path.heading=tangent",),
+    "tangent": ("path.heading=tangent", "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0]"),  # else it begins turning
     "patches": ("actuators.piezo.array=patches",),
     "undamped": ("panel.strain_rate_damping=0", "suppression.coordinates=[q5, q6]"),
 }

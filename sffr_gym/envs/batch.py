@@ -214,7 +214,7 @@ def step_range(fleet, batch, actions, active, block, plain, first, last):
         step_alike(fleet, batch, actions, active, block, plain, i, i + alike)
 
 
-@kernel(inline=True)
+@inline
 def step_alike(fleet, batch, actions, active, block, plain, first, last):
     """Advance environments as :func:`step_range` does, with the plant of the first."""
     task = plant_at(fleet, first)
@@ -237,7 +237,7 @@ def step_alike(fleet, batch, actions, active, block, plain, first, last):
                 take(group.terms, k - i, batch.terms[k])
 
 
-@kernel(inline=True)
+@inline
 def clipped(action):
     """How many entries of an action (n,) lie beyond [-1, 1]."""
     count = 0
@@ -246,7 +246,7 @@ def clipped(action):
     return count
 
 
-@kernel(inline=True)
+@inline
 def load(batch, i, group):
     """Take the environments from ``i`` on into a group."""
     gather(batch.p, i, group.p)
@@ -256,7 +256,7 @@ def load(batch, i, group):
     gather(batch.signals, i, group.signals)
 
 
-@kernel(inline=True)
+@inline
 def begin(task, batch, i, group, lane):
     """Let the next control period of environment ``i`` begin in a lane of a group, with its impulses."""
     impulses = Impulses(batch.impulse_tick[i], batch.impulse[i])
@@ -266,7 +266,7 @@ def begin(task, batch, i, group, lane):
     columns(group.t)[0, lane] = batch.tick[i] * task.period
 
 
-@kernel(inline=True)
+@inline
 def advance_group(task, group, period):
     """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
     group.status[0] = control_period(
@@ -277,7 +277,7 @@ def advance_group(task, group, period):
     group.cost[0] = period_cost(group.signals, group.status[0])
 
 
-@kernel(inline=True)
+@inline
 def sense_lane(task, batch, i, group, period, lane, one):
     """Turn the true observation of a lane, environment ``i``, into what its sensors see.
 
@@ -294,7 +294,7 @@ def sense_lane(task, batch, i, group, period, lane, one):
     put(before.obs, group.obs, lane)
 
 
-@kernel(inline=True)
+@inline
 def store(batch, i, group, period, lane):
     """Bring a lane of a group back as environment ``i``; period: as in :func:`sense_lane`."""
     batch.status[i] = int(columns(group.status)[0, lane])
