@@ -17,7 +17,8 @@ from sffr_baselines.damping_loop import damping_memory, make_damping, start_damp
 from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
-from sffr_gym.envs.single import ONE, ParamsLike, SFFRFlexEnv, make_renderer
+from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
+from sffr_gym.envs.single import ONE, ParamsLike, SFFRFlexEnv
 from sffr_gym.envs.vector import Mask, SFFRFlexVectorEnv
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.scenario import Scenario
@@ -69,7 +70,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     As in ``SFFRFlex-v0``; truncates after ``duration``.
 
     ## Arguments
-    - ``scenario``, ``params``, ``overrides``, ``render_mode``: as in ``SFFRFlex-v0``.
+    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``render_every``: as in ``SFFRFlex-v0``.
     - ``law``: ``hsc`` or ``ahsc``.
     - ``rho``: largest factor; 1/rho is the smallest.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
@@ -94,6 +95,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
@@ -101,10 +103,10 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
             ConfigError: for parameters, a scenario or an argument that are not valid, or a damping that the sampled
                 loop cannot run.
         """
-        super().__init__(scenario, params, overrides, render_mode)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
-        self._renderer = None if render_mode is None else make_renderer(self.prior_task, damped=True)
+        super().__init__(scenario, params, overrides, render_mode, render_every)
+        self._renderer = make_renderer(self.prior_task, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law)
@@ -122,8 +124,8 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
+        self._damping = copy.deepcopy(state["damping"])  # first, since pictures show it
         super().set_state(state)
-        self._damping = copy.deepcopy(state["damping"])
 
     def _distribution(self) -> Scenario:
         return training_scenario(self.scenario, self._duration, self._random_phase)
@@ -158,8 +160,8 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance: as for
-            the single one.
+        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance,
+            render_every: as for the single one.
     """
 
     def __init__(
@@ -178,15 +180,16 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
         super().__init__(
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
-            autoreset_mode=autoreset_mode,
+            render_every=render_every, autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
-        self._renderers = [make_renderer(self.prior_task, damped=True) for _ in range(num_envs if render_mode else 0)]
+        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law)
@@ -209,8 +212,8 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
+        self._damping = copy.deepcopy(state["damping"])  # first, since pictures show it
         super().set_state(state)
-        self._damping = copy.deepcopy(state["damping"])
 
     def _distribution(self) -> Scenario:
         return training_scenario(self.scenario, self._duration, self._random_phase)

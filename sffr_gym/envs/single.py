@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer
 from sffr_gym.physics.simulator import State, unflatten
 from sffr_gym.task.episode import Episode, draw, nominal
 from sffr_gym.task.reference import Reference
@@ -22,9 +23,6 @@ from sffr_gym.task.signals import SIGNALS
 from sffr_gym.task.status import REASONS, RUNNING
 from sffr_gym.task.task_model import TaskModel, make_task_model, plant_of
 from sffr_gym.types import Array
-
-if TYPE_CHECKING:
-    from sffr_gym.render.environment import EnvironmentRenderer
 
 ParamsLike = Params | str | os.PathLike[str] | None
 
@@ -105,13 +103,20 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     - ``params``: a ``Params`` object, a path, or None for the case study; the robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
     - ``render_mode``: None; ``rgb_array``, pictures of 600 x 600 pixels without any display; or ``human``, a window
-      that follows the simulation in real time at 25 pictures a second. Needs the extra ``render``.
+      that follows the simulation in real time. Needs the extra ``render``.
+    - ``render_every``: time between two pictures [s], 25 of them in a second; 0 for one of every step.
 
     ## Pictures
-    ``render()`` only reads: the same state gives the same pixels. The small plots show the last 20 s, which an
-    environment with a render mode keeps as a part of its state (:meth:`get_state`). ``metadata["render_fps"]`` is the
-    number of steps in a second, as Gymnasium's recorders expect; a video of every step plays in real time but has 500
-    pictures a second. ``sffr animate`` writes lighter ones.
+    ``render()`` shows the last moment that was due, every ``render_every`` seconds and at the episode's end, and
+    returns the same read-only array until the next one: Gymnasium's ``RecordVideo``, which keeps a picture of each
+    step, needs 27 MB for a simulated second instead of 540. ``metadata["render_fps"]`` is the number of steps in a
+    second, so that its videos play in real time; it needs the extra ``record``, and ``sffr animate`` writes lighter
+    ones. ``render()`` only reads: the same state gives the same pixels. That moment, and the last 20 s for the small
+    plots, are a part of the state that :meth:`get_state` returns; one of an environment without a render mode can be
+    drawn, too, but without its past.
+
+    Closing the window ends the pictures, not the program. A copy of the environment (``copy.deepcopy``, ``pickle``)
+    opens no window before its next ``reset`` or ``render()``, so that planners can look ahead at full speed.
 
     ## Version history
     - v0: first version.
@@ -125,11 +130,12 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         params: ParamsLike = None,
         overrides: tuple[str, ...] | list[str] = (),
         render_mode: str | None = None,
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
         Raises:
-            ConfigError: for parameters or a scenario that are not valid.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid.
             ValueError: for an unknown render mode.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
@@ -147,8 +153,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, 1)
         self._memory = batch_memory(self.prior_task, 1)
         self._episode: Episode | None = None
-        self.metadata = self.metadata | {"render_fps": round(1.0 / self.prior_task.period)}
-        self._renderer = None if render_mode is None else make_renderer(self.prior_task)
+        self.metadata = self.metadata | {"render_fps": frame_rate(self.prior_task.period)}
+        self._renderer = make_renderer(self.prior_task, render_mode, render_every)
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -184,10 +190,11 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         return self._observed(), float(batch.reward[0]), terminated, truncated, self._info()
 
     def render(self) -> np.ndarray | None:
-        """The picture (600, 600, 3) of the present state, uint8; with ``human`` it is shown, and None returned.
+        """The picture (600, 600, 3), uint8, read-only; with ``human`` it is shown, and None returned. See the class.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
+            gymnasium.error.Error: if there is no display, with ``human``.
         """
         if self._renderer is None:
             gym.logger.warn(
@@ -195,10 +202,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             )
             return None
         _ = self.episode
-        if self.render_mode == "human":
-            self._renderer.show(*visible(self._batch, 0), always=True)
-            return None
-        return self._renderer.render(*visible(self._batch, 0))
+        return self._renderer.render()
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -249,7 +253,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     def get_state(self) -> dict[str, Any]:
         """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
         kept = {"batch": self._batch, "rng": self.np_random, "scenario": self.scenario, "episode": self._episode}
-        kept["trace"] = None if self._renderer is None else self._renderer.trace.rows()
+        kept["trace"] = None if self._renderer is None or self._episode is None else self._renderer.past()
         return copy.deepcopy(kept)
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -258,8 +262,10 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         self._batch, self.np_random, self.scenario = state["batch"], state["rng"], state["scenario"]
         if state["episode"] is not None:
             self._take(state["episode"])
-        if self._renderer is not None and state["trace"] is not None:
-            self._renderer.trace.restore(state["trace"])
+            if self._renderer is None or state["trace"] is None:
+                self._note()
+            else:
+                self._renderer.restore(state["trace"], visible(self._batch, 0))
 
     def _distribution(self) -> Scenario:
         """What episodes are drawn from."""
@@ -284,15 +290,12 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         if plant is not self.plant_task:  # packing one takes as long as all the rest of a reset
             self.plant_task, self._fleet = plant, make_fleet(plant)
         if self._renderer is not None:
-            self._renderer.start(episode, self.scenario.name)
+            self._renderer.start(episode.plant, episode.reference, self.scenario.name)
 
     def _note(self) -> None:
-        """Keep what later pictures show, and show the present one if there is a window."""
+        """Keep what later pictures show, if there are any, and show one in the window if it is due."""
         if self._renderer is not None:
-            tick, p, *_ = visible(self._batch, 0)
-            self._renderer.record(tick, p, self._batch.signals[0], self._acting()[0])
-            if self.render_mode == "human":
-                self._renderer.show(*visible(self._batch, 0))
+            self._renderer.record(visible(self._batch, 0), self._batch.signals[0], self._acting()[0])
 
     def _acting(self) -> Array:
         """Return the virtual damping (1, n_p) of the panels' tip displacements; empty without a law inside."""
@@ -312,17 +315,6 @@ def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -
     """Parameters from an object, a path or None, with overrides on top; raises ConfigError."""
     resolved = params if isinstance(params, Params) else load_params(params)
     return resolved.with_overrides(*overrides)
-
-
-def make_renderer(task: TaskModel, damped: bool = False) -> EnvironmentRenderer:
-    """Return what draws an environment; raises gymnasium.error.DependencyNotInstalled without Pillow."""
-    try:
-        from sffr_gym.render.environment import EnvironmentRenderer
-    except ModuleNotFoundError as error:
-        if error.name != "PIL":
-            raise
-        raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
-    return EnvironmentRenderer(task.period, len(task.model.panel_root), damped)
 
 
 def make_spaces(prior: TaskModel) -> tuple[gym.spaces.Box, gym.spaces.Box]:

@@ -13,17 +13,19 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
+from sffr_gym.envs.batch import N_REFERENCE, batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet, put_plant
+from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderers
 from sffr_gym.envs.single import (
     ParamsLike,
     check_action,
-    make_renderer,
     make_spaces,
     resolve_params,
     scenario_option,
 )
-from sffr_gym.task.episode import Episode, draw, nominal
+from sffr_gym.render.trace import Past
+from sffr_gym.task.episode import Episode, draw, drawn_plant, nominal
+from sffr_gym.task.reference import Reference
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.scenario import Scenario, load_scenario
 from sffr_gym.task.signals import SIGNALS
@@ -45,7 +47,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     Args:
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over.
-        scenario, params, overrides: as for the single environment.
+        scenario, params, overrides, render_every: as for the single environment.
         render_mode: None or ``rgb_array``, see :meth:`render`.
         autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
             (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
@@ -64,12 +66,13 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         params: ParamsLike = None,
         overrides: tuple[str, ...] | list[str] = (),
         render_mode: str | None = None,
+        render_every: float = RENDER_EVERY,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         """Build the environments.
 
         Raises:
-            ConfigError: for parameters or a scenario that are not valid.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid.
             ValueError: for a number of environments below 1, an unknown autoreset or render mode.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
@@ -97,10 +100,10 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._seeded = False
         self._all = np.ones(num_envs, dtype=np.bool_)
-        self._renderers = [make_renderer(self.prior_task) for _ in range(num_envs if render_mode else 0)]
+        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every)
         self.metadata = {
             "render_modes": ["rgb_array"],
-            "render_fps": round(1.0 / self.prior_task.period),
+            "render_fps": frame_rate(self.prior_task.period),
             "autoreset_mode": self.autoreset_mode,
         }
 
@@ -158,7 +161,10 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return obs, reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """The picture (600, 600, 3) of each environment, uint8, as :meth:`SFFRFlexEnv.render` draws it.
+        """The picture (600, 600, 3) of each environment, uint8, read-only, as :meth:`SFFRFlexEnv.render` draws it.
+
+        Gymnasium's ``RecordVideo`` for vector environments joins them anew at every step, 1.08 MB for each environment
+        and step: bound it with its ``video_length``.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
@@ -168,16 +174,20 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
         if not self._ticks.all():
             raise gym.error.ResetNeeded("call reset for every environment before render")
-        return tuple(renderer.render(*visible(self._batch, i)) for i, renderer in enumerate(self._renderers))
+        return tuple(picture for renderer in self._renderers if (picture := renderer.render()) is not None)
 
     def get_state(self) -> dict[str, Any]:
         """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
-        return copy.deepcopy({name: getattr(self, name) for name in STATE})
+        begun = zip(self._renderers, self._ticks, strict=False)
+        pasts = [renderer.past() if ticks else None for renderer, ticks in begun] or None
+        return copy.deepcopy({name: getattr(self, name) for name in STATE} | {"trace": pasts})
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what :meth:`get_state` returned."""
         for name in STATE:
             setattr(self, name, copy.deepcopy(state[name]))
+        for i in np.flatnonzero(self._ticks[: len(self._renderers)]).tolist():
+            self._restore_picture(i, state["trace"] and state["trace"][i])
 
     def _distribution(self) -> Scenario:
         """What episodes are drawn from."""
@@ -200,7 +210,19 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._renderers:
             batch, damping = self._batch, self._acting()
             for i in rows:
-                self._renderers[i].record(int(batch.tick[i]), batch.p[i], batch.signals[i], damping[i])
+                self._renderers[i].record(visible(batch, i), batch.signals[i], damping[i])
+
+    def _restore_picture(self, i: int, past: Past | None) -> None:
+        """Let environment ``i`` be drawn as it was; without a past, its trace begins at the present state."""
+        renderer, numbers = self._renderers[i], self._batch.reference[i]
+        reference = Reference._make([*numbers[:N_REFERENCE].tolist(), numbers[N_REFERENCE:].copy()])
+        drawn = {name: float(values[i]) for name, (values, has) in self._drawn.items() if has[i]}
+        title = self.scenario.name if past is None else past.title
+        renderer.start(drawn_plant(self.params, drawn), reference, title, f"environment {i}")
+        if past is None:
+            self._record([i])
+        else:
+            renderer.restore(past, visible(self._batch, i))
 
     def _observed(self) -> Array:
         """A copy of what agents see now."""
@@ -219,7 +241,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 put_plant(self._fleet, int(i), plant_of(self.prior_task, episode))
             self._start(int(i), episode)
             if self._renderers:
-                self._renderers[i].start(episode, self.scenario.name, f"environment {i}")
+                self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")
                 self._record([int(i)])
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
