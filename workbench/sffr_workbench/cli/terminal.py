@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from sffr_gym import ConfigError
-from sffr_workbench.common import is_missing
+from sffr_workbench.figures import load_matplotlib
 
 
 @contextmanager
@@ -43,10 +43,13 @@ def consoles(quiet: bool = False) -> tuple[Console, Console]:
 
 
 def can_draw(notes: Console) -> bool:
-    """Return whether matplotlib is installed; if not, note that there are no figures."""
-    if missing := is_missing("matplotlib"):
-        notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
-    return not missing
+    """Return whether matplotlib can be used; if not, note that there are no figures, and why."""
+    try:
+        load_matplotlib()
+    except ConfigError as error:
+        notes.print(f"note: no figures; {error}", markup=False, soft_wrap=True)
+        return False
+    return True
 
 
 def typed_command() -> list[str]:

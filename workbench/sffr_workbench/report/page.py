@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -51,14 +52,16 @@ def write_report(folders: Sequence[Path], out: Path, overwrite: bool = False) ->
 
 
 def report_page(runs: Sequence[Run]) -> str:
-    """Return the report as HTML."""
+    """Return the report as HTML; what is no text, such as of a file's name in another encoding, is "?" in it."""
     from markupsafe import Markup  # optional
 
-    return template("sffr_workbench.report").render(
-        runs=runs, episodes=_episodes(runs), manifests=[to_json(run.manifest) for run in runs],
+    page = template("sffr_workbench.report").render(
+        runs=runs, episodes=json.loads(to_json(_episodes(runs))),  # without NaN, which JavaScript refuses
+        manifests=[to_json(run.manifest) for run in runs],
         title=", ".join(dict.fromkeys(result.scenario for run in runs for result in run.results)),
         version=package_version("sffr-gym"), style=Markup(_texts(STYLES)), script=Markup(_texts(SCRIPTS)),
     )  # fmt: skip
+    return str(page).encode("utf-8", "replace").decode()
 
 
 def _episodes(runs: Sequence[Run]) -> list[dict[str, Any]]:

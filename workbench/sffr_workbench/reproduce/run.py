@@ -9,7 +9,7 @@ from pathlib import Path
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.provenance import PACKAGES, git_state, package_version
 from sffr_workbench.common import Progress, describe_commit, describe_versions
-from sffr_workbench.figures.style import STYLE, png
+from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.reproduce.adaptation_figures import adaptation_figures
 from sffr_workbench.reproduce.cases import run_cases
 from sffr_workbench.reproduce.claims import Claim, assess_claims
@@ -37,16 +37,14 @@ def reproduce(
         The claims and the files, in the order in which they were written.
 
     Raises:
-        ModuleNotFoundError: without matplotlib.
+        ConfigError: see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
-    import matplotlib as mpl
-
     runs = run_cases(duration, progress)
     progress("the independent codes", 1, 2)
     claims = assess_claims(runs, run_cross_checks())
     folder.mkdir(parents=True, exist_ok=True)
     (folder / CLAIMS_FILE).unlink(missing_ok=True)
-    with mpl.rc_context(STYLE):
+    with drawing():
         figures = paper_figures(runs) + adaptation_figures(runs)
         figures += [stability_figure(runs.params), piezo_figure(runs.params)]
         pngs = {}

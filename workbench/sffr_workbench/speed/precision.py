@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, NamedTuple
 
 from sffr_gym.config.files import write_whole
 from sffr_gym.physics.integrator import ETDRK4, RK4
-from sffr_workbench.figures.style import png
+from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.speed.circle import Course, Drive, close_loop, drive, make_course, relative_errors
 from sffr_workbench.speed.measure import Row, Section, one_core
 from sffr_workbench.speed.mujoco_circle import MujocoPlant
 from sffr_workbench.speed.scipy_circle import ScipyPlant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE = "work_precision.png"
 QUICK_SECONDS = 0.2  # of the circle
@@ -68,6 +69,13 @@ def precision(repeats: int, quick: bool) -> Section:
 
 def save_picture(section: Section, folder: Path) -> Path:
     """Draw the diagram."""
+    with drawing({}):
+        return write_whole(folder / PICTURE, png(_picture(section)))
+
+
+def _picture(section: Section) -> Figure:
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8.2, 4.6), layout="constrained")
     axes = figure.subplots()
     for method, (colour, marker) in STYLES.items():
@@ -83,7 +91,7 @@ def save_picture(section: Section, folder: Path) -> Path:
     axes.grid(color="#e3e6e8", linewidth=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(frameon=False, loc="outside right upper")
-    return write_whole(folder / PICTURE, png(figure))
+    return figure
 
 
 def _results(course: Course, repeats: int, quick: bool) -> Iterator[Result]:
