@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore, require
 from sffr_workbench.evaluation import check_file, episode_progress, make_policies, recorded_signals
+from sffr_workbench.figures.encoding import choose_codec, gif, mp4
 from sffr_workbench.figures.style import policy_colours
 
 if TYPE_CHECKING:
@@ -33,8 +34,9 @@ FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it
 MAX_POLICIES = 2  # beside each other
 GAP = 4  # pixels between them
 RATES = (1, 2, 4, 5, 10, 20, 25, 50)  # pictures a second whose time is a whole number of a GIF's hundredths
-GIF_COLOURS = 96
-SAMPLES = 12  # pictures from which a GIF's colours are chosen
+MOST_PICTURES = 20_000  # which take a quarter of an hour to draw
+MOST_PIXELS = 4e9  # of a GIF, a byte each, which are in memory together
+LIMITS = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
 TITLES = {"none": "no suppression", "hsc": "HSC", "ahsc": "AHSC", "ahsc-filtered": "AHSC, filtered", "lqr": "LQR"}
 
 
@@ -64,12 +66,32 @@ class MovieOptions:
             raise ConfigError(
                 f"fps = {self.fps}: a GIF counts in hundredths of a second, so one of {rates}; MP4 takes any"
             )
-        limits = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise ConfigError(f"{name} = {getattr(self, name):g}: must be from {low:g} to {high:g}")
-        if self.duration is not None and not self.duration > 0.0:
-            raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s")
+        for name, (low, high) in LIMITS.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                shown = f"{value:g}" if isinstance(value, float) else value
+                raise ConfigError(f"{name} = {shown}: must be from {low:g} to {high:g}")
+        if self.duration is not None and not (self.duration > 0.0 and isfinite(self.duration)):
+            raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s; without it all of the episode")
+
+    def count(self, longest: float) -> int:
+        """Return the number of pictures of an episode of a length [s]."""
+        end = longest if self.duration is None else min(self.duration, longest)
+        return max(round(end * self.fps / self.speed), 1)
+
+    def check_count(self, out: Path, longest: float, policies: int) -> None:
+        """Make sure that neither time nor memory runs out.
+
+        Raises:
+            ConfigError: for too many pictures.
+        """
+        count, pixels = self.count(longest), self.size * (self.size * policies + GAP * (policies - 1))
+        most = MOST_PICTURES if out.suffix == ".mp4" else min(MOST_PICTURES, int(MOST_PIXELS / pixels))
+        if count > most:
+            more = "" if most == MOST_PICTURES else ", a smaller --size, or an MP4"
+            raise ConfigError(
+                f"{out}: would have {count:,} pictures, at most {most:,}; take a higher --speed, a lower --fps, a "
+                f"shorter --duration{more}"
+            )
 
 
 def animate(
@@ -112,12 +134,15 @@ def animate(
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env, trajectories = SFFRFlexEnv(scenario, resolved), []
     env.reset(seed=seed)
+    options.check_count(out, env.ticks * resolved.control.period, len(runners))
+    width = len(runners) * (options.size + GAP) - GAP
+    codec = choose_codec(options.size, width, options.fps) if out.suffix == ".mp4" else ""
     for runner in runners:
         progress(runner.name, 0, env.ticks)
         trajectories.append(rollout(env, runner, seed, episode_progress(progress, runner.name, 0, env.ticks)))
     movie = Movie(trajectories, options)
     out.parent.mkdir(parents=True, exist_ok=True)
-    write = {".gif": gif, ".mp4": mp4}[out.suffix]
+    write = partial(mp4, codec=codec) if codec else gif
     write_whole(out, write(movie, options.fps, lambda k: progress("drawing", k, len(movie))))
     return trajectories
 
@@ -134,7 +159,7 @@ class Movie:
         longest = max(trajectory.t[-1] for trajectory in trajectories)
         end = longest if options.duration is None else min(options.duration, longest)
         self._step = options.speed / options.fps  # s between two pictures
-        self._count = max(round(end / self._step), 1)
+        self._count = options.count(longest)
         damped = any(np.nan_to_num(trajectory.B_hat[:, :, TRANSVERSE]).any() for trajectory in trajectories)
         self._snapshots = [Snapshots(trajectory, damped) for trajectory in trajectories]
         self._renderers = self._side_by_side(trajectories, options, end)
@@ -208,42 +233,6 @@ class Snapshots:
         trace = np.vstack([self.trace[: before + 1], between(self.trace)])
         failure = kept.failure if t >= kept.t[-1] else ""
         return Snapshot(t, between(kept.p), between(kept.v), between(kept.applied), trace, failure)
-
-
-def gif(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
-    """Encode the pictures as a GIF that repeats for ever, in colours chosen once for all of them."""
-    from PIL import Image  # optional
-
-    chosen = np.unique(np.linspace(0, len(movie) - 1, SAMPLES).round().astype(int))
-    sample = Image.fromarray(np.vstack([movie[k] for k in chosen]))
-    palette = sample.quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
-
-    def pictures() -> Iterator[Image.Image]:
-        for k, picture in enumerate(movie):
-            progress(k)
-            yield Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
-
-    each, file = pictures(), io.BytesIO()
-    next(each).save(file, "GIF", save_all=True, append_images=each, duration=1000 // fps, loop=0, optimize=True)
-    return file.getvalue()
-
-
-def mp4(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
-    """Encode the pictures as H.264 in an MP4 that browsers start to play while they load it."""
-    import av  # optional
-
-    height, width = (side // 2 * 2 for side in movie[0].shape[:2])  # the format wants even sides
-    with tempfile.TemporaryDirectory() as folder:  # moving the index to the front takes a file
-        file = Path(folder) / "movie.mp4"
-        with av.open(str(file), "w", options={"movflags": "faststart"}) as container:
-            stream = container.add_stream("libx264", rate=fps, options={"crf": "20"})
-            stream.pix_fmt, stream.height, stream.width = "yuv420p", height, width
-            for k, picture in enumerate(movie):
-                progress(k)
-                even = np.ascontiguousarray(picture[:height, :width])
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
-            container.mux(stream.encode())
-        return file.read_bytes()
 
 
 def _brightened(colour: str) -> tuple[int, int, int]:
