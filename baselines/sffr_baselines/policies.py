@@ -100,8 +100,12 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
 
 
 def policy_title(name: str) -> str:
-    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``."""
-    return "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
+    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``.
+
+    What is no text, in a file's name of another encoding, is "?".
+    """
+    title = "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
+    return title.encode("utf-8", "replace").decode()
 
 
 def check_titles(names: Sequence[str]) -> None:

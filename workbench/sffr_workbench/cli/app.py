@@ -9,6 +9,7 @@ import typer
 from sffr_gym.compile.jit import remove_stale_caches
 from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import animate, benchmark, evaluate, learning, report, reproduce, speed, verify
+from sffr_workbench.cli.encoding import spell_out
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -36,6 +37,7 @@ def sffr(
     remove_stale_caches()
 
 
+spell_out()  # also before a command runs, in help and errors of usage
 for module in evaluate, verify, reproduce, animate, speed, benchmark, learning, report:
     module.add_commands(app)
 

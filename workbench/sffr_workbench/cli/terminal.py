@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from sffr_gym import ConfigError
+from sffr_workbench.cli.encoding import spell_out
 from sffr_workbench.figures import load_matplotlib
 
 
@@ -21,6 +22,7 @@ def user_errors() -> Iterator[None]:
     try:
         yield
     except (ConfigError, OSError) as error:
+        spell_out()
         console = Console(stderr=True, highlight=False)
         for line in str(error).splitlines():
             console.print(f"error: {line}", style="red", markup=False, soft_wrap=True)
@@ -39,6 +41,7 @@ def interruptible(notes: Console, advice: str) -> Iterator[None]:
 
 def consoles(quiet: bool = False) -> tuple[Console, Console]:
     """Return the consoles of notes, on stderr, and of results, on stdout."""
+    spell_out()
     return Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,18 +76,19 @@ def load_matplotlib() -> None:
         ConfigError: if it is not installed or cannot be loaded, such as for a damaged ``matplotlibrc``.
     """
     require("plot", "matplotlib")
-    backend = os.environ.get("MPLBACKEND")
+    if "matplotlib" in sys.modules:
+        return
+    backend = os.environ.pop("MPLBACKEND", "")  # one that it does not know would break the import
     try:
-        try:
-            import_module("matplotlib")
-        except ValueError:
-            os.environ.pop("MPLBACKEND", None)
-            import_module("matplotlib")
+        settings = import_module("matplotlib").rcParams
     except Exception as error:  # whatever is wrong with the installation or the settings
         raise ConfigError(f"matplotlib cannot be loaded: {type(error).__name__}: {error}") from None
     finally:
-        if backend is not None:
+        if backend:
             os.environ["MPLBACKEND"] = backend
+    if backend:
+        with suppress(ValueError):
+            settings["backend"] = backend  # as the import does
 
 
 @contextmanager
