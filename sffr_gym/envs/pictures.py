@@ -29,22 +29,13 @@ def make_renderer(
 
     Raises:
         ConfigError: for a time that is not from 0 to ``MOST_BETWEEN``.
-        gymnasium.error.DependencyNotInstalled: without a Pillow that can write texts.
+        gymnasium.error.DependencyNotInstalled: see :func:`require_pillow`.
     """
     if not 0.0 <= every <= MOST_BETWEEN:
         raise ConfigError(f"render_every = {every}: must be from 0, a picture of every step, to {MOST_BETWEEN:g} s")
     if render_mode is None:
         return None
-    try:
-        from PIL import ImageFont
-
-        ImageFont.load_default(12.0)
-    except ModuleNotFoundError:
-        raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
-    except (ImportError, TypeError) as error:  # cannot be loaded, was built without FreeType, or is too old
-        raise gym.error.DependencyNotInstalled(
-            f"pictures need Pillow 10.1 or later with FreeType: {error}; pip install --upgrade 'sffr-gym[render]'"
-        ) from None
+    require_pillow()
     from sffr_gym.render.environment import EnvironmentRenderer
 
     return EnvironmentRenderer(task.period, len(task.model.panel_root), every, render_mode == "human", damped)
@@ -56,6 +47,24 @@ def make_renderers(
     """Return what draws each of ``n`` environments, none without a render mode; see :func:`make_renderer`."""
     made = (make_renderer(task, render_mode, every, damped) for _ in range(n if render_mode else 1))
     return [renderer for renderer in made if renderer is not None]
+
+
+def require_pillow() -> None:
+    """Make sure that texts can be written into pictures.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: if not, with what to install.
+    """
+    try:
+        from PIL import ImageFont
+
+        ImageFont.load_default(12.0)
+    except ModuleNotFoundError:
+        raise gym.error.DependencyNotInstalled("pictures need Pillow: pip install 'sffr-gym[render]'") from None
+    except (ImportError, TypeError) as error:  # cannot be loaded, was built without FreeType, or is too old
+        raise gym.error.DependencyNotInstalled(
+            f"pictures need Pillow 10.1 or later with FreeType: {error}; pip install --upgrade 'sffr-gym[render]'"
+        ) from None
 
 
 def frame_rate(period: float) -> float:

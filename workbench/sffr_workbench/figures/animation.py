@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 
 from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.config.files import write_whole
+from sffr_gym.envs.pictures import require_pillow
 from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
@@ -60,6 +62,10 @@ class MovieOptions:
             raise ConfigError(f"{out}: the name must end in {' or '.join(FORMATS)}")
         for module, extra in FORMATS[".gif"], FORMATS[out.suffix]:
             require(extra, module)
+        try:
+            require_pillow()
+        except DependencyNotInstalled as error:
+            raise ConfigError(str(error)) from None
         check_file(out, overwrite)
         if out.suffix == ".gif" and self.fps not in RATES:
             rates = ", ".join(map(str, RATES))

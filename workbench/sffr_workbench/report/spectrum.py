@@ -46,6 +46,8 @@ def spectrum(recording: Recording) -> dict[str, Any]:
 
 def mode_frequencies(recording: Recording) -> list[float]:
     """Return the natural frequencies [Hz] of the whole robot at the episode's start, below ``HIGHEST``."""
+    if not np.isfinite(recording.p[0]).all():
+        return []
     sim = Simulator(recording.plant)
     frequencies: Array = sim.frequencies(sim.unflatten(0.0, recording.p[0], np.zeros_like(recording.p[0])))
     return [_short(f) for f in frequencies / (2.0 * np.pi) if f <= HIGHEST]
