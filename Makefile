@@ -34,7 +34,7 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 		out=runs/train/$$algo-$$seed; \
 		$(BIN)/sffr train --algo $$algo --seed $$seed --out $$out $$(test -e $$out/train.json && echo --resume) || exit; \
 	done; done
-	$(BIN)/sffr curves runs/train/* --out docs/images/learning.png
+	$(BIN)/sffr curves runs/train/* --out docs/images/learning.png --overwrite
 	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --out runs/train-scores
 	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --scenario excited --episodes 100 --out runs/train-excited
 	$(BIN)/sffr seeds runs/train-scores
@@ -50,7 +50,7 @@ mutants: $(VENV)/.dev ## change the code in small ways and see whether tests not
 	$(BIN)/python tests/mutants.py --report docs/mutants.md $(MUTANTS_ARGS)
 
 bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
-	$(BIN)/sffr bench --out runs/bench
+	$(BIN)/sffr bench --out runs/bench --overwrite
 	$(BIN)/python -m pytest tests/benchmarks -W default --benchmark-autosave --benchmark-compare --benchmark-columns=median,iqr,rounds
 
 format: $(VENV)/.dev ## rewrite the code in the one format

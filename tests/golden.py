@@ -25,6 +25,7 @@ from sffr_baselines.rollout import rollout
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.scenario import scenario_names
+from sffr_gym.task.status import Failure
 from sffr_workbench.evaluation import episodes_csv, evaluate, summary_remarks, summary_table
 
 PERIODS = 3000  # of each episode
@@ -81,7 +82,8 @@ GROUPS: dict[str, Callable[[], Iterator[tuple[str, Case]]]] = {
 
 def closed_loop(env: SFFRFlexEnv, policy: str, seed: int) -> Case:
     """An episode as :func:`rollout` returns it."""
-    env.scenario = env.scenario.model_copy(update={"duration": PERIODS * env.params.control.period})
+    short = env.scenario.model_copy(update={"duration": PERIODS * env.params.control.period})
+    env.reset(options={"scenario": short})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of laws that are unstable with a variant
         trajectory = rollout(env, make_policy(policy, env.params), seed)
@@ -129,8 +131,9 @@ def gathered(rows: list[tuple[Any, dict[str, Any]]]) -> Case:
     for name in sorted({name for _, info in rows for name in info} - {"drawn", "_drawn", "failure"}):
         values = [np.asarray(info[name], dtype=np.float64).ravel() for _, info in rows if name in info]
         case[name] = np.concatenate(values)
-    for name in "failure", "drawn":
-        case[name] = json.dumps([info[name] for _, info in rows if name in info], default=lambda value: value.tolist())
+    reasons = [np.vectorize(lambda code: str(Failure(code)), otypes=[object])(info["failure"]) for _, info in rows]
+    for name, values in ("failure", reasons), ("drawn", [info.get("drawn", {}) for _, info in rows]):
+        case[name] = json.dumps(values, default=lambda value: value.tolist())
     return case
 
 

@@ -66,15 +66,15 @@ def test_every_measurement_gives_finite_positive_figures(name):
         assert not row.versus or section.ratio(row) == section[row.versus].median / row.median
 
 
-def test_work_and_precision_has_all_methods_and_a_picture(tmp_path):
-    from sffr_workbench.speed.precision import STYLES, precision, save_picture
+def test_work_and_precision_has_all_methods_and_a_picture():
+    from sffr_workbench.speed.precision import STYLES, draw_picture, precision
 
     section = precision(1, True)
     assert {row.what.partition(",")[0] for row in section.rows} == set(STYLES)
     assert all(0.0 < row.extra["error_end"] < 1e-2 for row in section.rows)
     errors = [section[f"sffr-gym ETDRK4 {step} ms"].extra["error_max"] for step in (2, 1)]
     assert errors[1] < errors[0] / 8 < 1e-7
-    assert save_picture(section, tmp_path).stat().st_size > 10_000
+    assert len(draw_picture(section)) > 10_000
 
 
 def test_a_drive_from_its_forces_is_the_closed_loop_to_the_bit(course):
@@ -252,10 +252,9 @@ def test_tables_show_figures_and_verdicts():
     assert "missed" in shown and shown.count("met") == 9 and "300 times real time" in shown
 
 
-def test_result_loads_and_holds_everything(tmp_path):
+def test_result_loads_and_holds_everything():
     sections = made_up()
-    file = page.write_result(tmp_path, sections, check_targets(sections), 7, False, ["sffr", "bench"])
-    result = json.loads(file.read_text())
+    result = json.loads(page.result_json(sections, check_targets(sections), 7, False, ["sffr", "bench"]))
     assert result["command"] == "sffr bench" and result["repeats"] == 7
     assert result["machine"]["cores"] >= 1 and result["machine"]["versions"]["mujoco"]
     assert [target["met"] for target in result["targets"]] == [True] * 10
@@ -269,7 +268,8 @@ def test_doc_keeps_its_words_and_takes_the_tables(tmp_path):
     file, sections = tmp_path / "speed.md", made_up()
     file.write_text(f"Before.\n{page.BEGIN}\nold\n{page.END}\nAfter.\n")
     for _ in range(2):
-        page.write_doc(file, sections, check_targets(sections), ["sffr", "bench"])
+        with page.claimed_doc(file, drawn=True) as write:
+            write(sections, check_targets(sections), ["sffr", "bench"])
     text = file.read_text()
     assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
     assert "images/work_precision.png" in text and (tmp_path / "images" / "work_precision.png").is_file()
@@ -280,13 +280,30 @@ def test_doc_without_markers_is_an_error(tmp_path):
     (tmp_path / "speed.md").write_text("nothing")
     with pytest.raises(ConfigError, match="must hold the lines"):
         page.check_doc(tmp_path / "speed.md")
-    with pytest.raises(ConfigError, match="no such file"):
+    with pytest.raises(ConfigError, match="No such file"):
         page.check_doc(tmp_path / "missing.md")
 
 
+def test_a_picture_of_others_is_in_the_way(tmp_path):
+    """It is told before anything is measured, and stays."""
+    file, picture = tmp_path / "speed.md", tmp_path / "images" / "work_precision.png"
+    file.write_text(f"{page.BEGIN}\n{page.END}\n")
+    picture.parent.mkdir()
+    picture.write_text("mine")
+    with pytest.raises(ConfigError, match="was not written by this run"), page.claimed_doc(file, drawn=True):
+        pass
+    assert picture.read_text() == "mine"
+    with page.claimed_doc(file, drawn=False) as write:
+        write(made_up()[:1], [], ["sffr", "bench"])
+    assert "### physics" in file.read_text()
+
+
 def test_command_writes_what_it_promises(tmp_path):
-    result = CliRunner().invoke(cli.app, ["bench", "--quick", "--only", "loop,growth", "--out", str(tmp_path)])
+    arguments = ["bench", "--quick", "--only", "loop,growth", "--out", str(tmp_path)]
+    result = CliRunner().invoke(cli.app, arguments)
     assert result.exit_code == 0, result.output
+    again = CliRunner().invoke(cli.app, arguments)
+    assert again.exit_code == 2 and "--overwrite" in again.output
     assert set(json.loads((tmp_path / "bench.json").read_text())["sections"]) == {"loop", "growth"}
     assert "Closed loop with AHSC" in result.output and "bench.json" in result.output
 

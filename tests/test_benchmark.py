@@ -11,24 +11,27 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from report_runs import leave_run
 from rich.console import Console
 from typer.testing import CliRunner
 
 from sffr_baselines import POLICIES
 from sffr_baselines.settings import load_tuned_damping
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.scenario import scenario_names
 from sffr_gym.task.score import costs
 from sffr_workbench.benchmark import episodes
 from sffr_workbench.benchmark.compare import common_episodes
-from sffr_workbench.benchmark.episodes import PLAN_FILE, ROWS, Plan, run_episodes
+from sffr_workbench.benchmark.episodes import Plan, run_episodes
 from sffr_workbench.benchmark.figures import FIGURE_FILES
 from sffr_workbench.benchmark.page import read_leaderboard
+from sffr_workbench.benchmark.rows import ROWS
 from sffr_workbench.benchmark.run import default_policies, run_benchmark
 from sffr_workbench.benchmark.scores import score_suite
 from sffr_workbench.cli.app import app
 from sffr_workbench.cli.benchmark import print_scores
-from sffr_workbench.evaluation import evaluate, read_episodes, write_run
+from sffr_workbench.evaluation import PLAN_FILE, evaluate, read_episodes
 
 SEED = 1_000_000
 BASELINES = ("none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr")
@@ -54,14 +57,20 @@ def plan(suite):
 @pytest.fixture(scope="module")
 def serial(plan, tmp_path_factory):
     """All episodes, run one after the other in this process."""
-    return run_episodes(plan, tmp_path_factory.mktemp("serial"), jobs=1)
+    return episodes_of(plan, tmp_path_factory.mktemp("serial"), jobs=1)
 
 
-def die_in_the_middle(task, params, folder):
+def episodes_of(plan, folder, jobs, **options):
+    """Run what a folder does not hold yet, and return all episodes."""
+    with RunFolder.claim(folder, "benchmark", resume=True) as run:
+        return run_episodes(plan, run, jobs, **options)
+
+
+def die_in_the_middle(task, params, file):
     """Stand in for a worker's job: one episode kills its worker."""
     if (task.policy, task.seed) == ("ahsc", SEED + 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return episodes._run_and_keep(task, params, folder)
+    return episodes._run_and_keep(task, params, file)
 
 
 def kept(folder):
@@ -75,7 +84,7 @@ def test_plan_lists_every_episode_once(plan):
 
 
 def test_the_same_rows_with_any_number_of_workers(plan, serial, tmp_path):
-    assert run_episodes(plan, tmp_path, jobs=2) == serial
+    assert episodes_of(plan, tmp_path, jobs=2) == serial
     assert [(r.scenario, r.policy, r.seed) for r in serial] == [
         (Path(task.scenario).stem, task.policy, task.seed) for task in plan.tasks
     ]
@@ -90,11 +99,11 @@ def test_dead_worker_loses_nothing_that_was_finished(plan, serial, tmp_path, mon
     with monkeypatch.context() as patch:
         patch.setattr(episodes, "_run_and_keep", die_in_the_middle)
         with pytest.raises(ConfigError, match=r"worker process died .* with \d+ of 12 episodes finished") as error:
-            run_episodes(plan, tmp_path, jobs=2)
+            episodes_of(plan, tmp_path, jobs=2)
     before = kept(tmp_path)
     assert 0 < len(before) < 12 and f"with {len(before)} of 12" in str(error.value)
     seen = []
-    assert run_episodes(plan, tmp_path, jobs=2, progress=lambda *report: seen.append(report)) == serial
+    assert episodes_of(plan, tmp_path, jobs=2, progress=lambda *report: seen.append(report)) == serial
     assert {file: when for file, when in kept(tmp_path).items() if file in before} == before
     assert seen[0][1:] == (len(before), 12) and seen[-1][1:] == (12, 12)
 
@@ -121,27 +130,27 @@ def test_interrupted_run_goes_on(suite, tmp_path):
     after = kept(tmp_path / "run")
     assert len(after) == 60 and before.items() <= after.items()
     fresh = Plan(("hsc", "ahsc"), (str(scenario),), 30, SEED, load_params())
-    assert read_episodes(tmp_path / "run") == run_episodes(fresh, tmp_path / "fresh", jobs=1)
+    assert read_episodes(tmp_path / "run") == episodes_of(fresh, tmp_path / "fresh", jobs=1)
 
 
 def test_more_of_everything_runs_what_is_missing(plan, serial, suite, tmp_path):
-    run_episodes(Plan(("hsc",), suite[:1], 2, SEED, plan.params), tmp_path, jobs=1)
+    episodes_of(Plan(("hsc",), suite[:1], 2, SEED, plan.params), tmp_path, jobs=1)
     before = kept(tmp_path)
-    assert run_episodes(plan, tmp_path, jobs=1) == serial
+    assert episodes_of(plan, tmp_path, jobs=1) == serial
     assert before.items() <= kept(tmp_path).items()
 
 
 def test_episodes_of_another_kind_are_not_mixed(plan, suite, tmp_path):
-    run_episodes(plan, tmp_path, jobs=1)
+    episodes_of(plan, tmp_path, jobs=1)
     other = Plan(plan.policies, suite, 3, SEED, plan.params.with_overrides("panel.EI=25"))
     with pytest.raises(ConfigError, match=r"another config_hash.*--overwrite"):
-        run_episodes(other, tmp_path, jobs=1)
+        episodes_of(other, tmp_path, jobs=1)
     held = json.loads((tmp_path / PLAN_FILE).read_text())
     (tmp_path / PLAN_FILE).write_text(json.dumps(held | {"code": "of last week"}))
     with pytest.raises(ConfigError, match="another code"):
-        run_episodes(plan, tmp_path, jobs=1)
+        episodes_of(plan, tmp_path, jobs=1)
     before = kept(tmp_path)
-    run_episodes(plan, tmp_path, jobs=1, overwrite=True)
+    episodes_of(plan, tmp_path, jobs=1, overwrite=True)
     assert not before.items() & kept(tmp_path).items()
 
 
@@ -199,7 +208,7 @@ def test_run_folder_and_pages(plan, serial, tmp_path):
 
 def test_compare_takes_what_runs_have_in_common(plan, serial, suite, tmp_path):
     run_benchmark(plan, tmp_path / "all", 1, ["sffr"], draw=False)
-    write_run(tmp_path / "one", evaluate(["none", "hsc"], suite[0], 2, SEED), ["sffr"])
+    leave_run(tmp_path / "one", evaluate(["none", "hsc"], suite[0], 2, SEED), ["sffr"])
     results = common_episodes([tmp_path / "all", tmp_path / "one"])
     assert {(r.scenario, r.seed) for r in results} == {("swinging", SEED), ("swinging", SEED + 1)}
     assert list(dict.fromkeys(r.policy for r in results)) == ["hsc", "ahsc", "random", "none"]
@@ -212,7 +221,7 @@ def test_compare_takes_what_runs_have_in_common(plan, serial, suite, tmp_path):
 def test_compare_tells_apart_what_differs(suite, tmp_path):
     for name, gain in (("soft", 250), ("hard", 300)):
         evaluation = evaluate(["hsc", "ahsc"], suite[0], 2, SEED, overrides=[f"control.Kd={gain}"])
-        write_run(tmp_path / name, evaluation, ["sffr"])
+        leave_run(tmp_path / name, evaluation, ["sffr"])
     with pytest.raises(ConfigError, match=r"hard: scenario 'swinging' or its parameters are not those of .*soft"):
         common_episodes([tmp_path / "soft", tmp_path / "hard"])
     summary = json.loads((tmp_path / "soft" / "summary.json").read_text())
@@ -232,11 +241,11 @@ def test_commands_from_end_to_end(suite, tmp_path):
     assert compared.exit_code == 0 and "2 common episodes of swinging" in compared.output
     assert done.stdout.splitlines()[:4] == compared.stdout.splitlines()[:4]  # notes go to stderr
     rejected = CliRunner().invoke(app, ["compare", str(tmp_path)])
-    assert rejected.exit_code == 2 and "holds no finished run" in rejected.stderr
+    assert rejected.exit_code == 2 and "holds no run of sffr evaluate or sffr benchmark" in rejected.stderr
 
 
 def test_what_is_no_run_cannot_be_compared(tmp_path):
-    with pytest.raises(ConfigError, match="holds no finished run"):
+    with pytest.raises(ConfigError, match="holds no run of sffr evaluate or sffr benchmark"):
         common_episodes([tmp_path])
 
 
@@ -287,7 +296,7 @@ def check_published(scenarios, policies, folder):
     """Run a part of the published suite again; another machine may differ in the last digits."""
     board = leaderboard()
     plan = Plan(policies, scenarios, board["ahsc"]["episodes"], board["ahsc"]["seed"], load_params())
-    table = score_suite(run_episodes(plan, folder, jobs=1))
+    table = score_suite(episodes_of(plan, folder, jobs=1))
     for policy in policies:
         for scenario in scenarios:
             cost = table.single[scenario][policy].cost.value

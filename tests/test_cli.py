@@ -10,6 +10,8 @@ from sffr_gym import load_params
 from sffr_workbench.cli import verify
 from sffr_workbench.verify import Check
 
+FILES = [".sffr-run.lock", "episodes.csv", "manifest.json", "recordings", "sffr-run.json", "summary.json"]
+
 
 @pytest.fixture(scope="module")
 def scenario(user_scenario):
@@ -35,12 +37,7 @@ def run(scenario, tmp_path_factory):
 
 def test_run_folder_has_the_promised_files(run):
     folder, result = run
-    assert sorted(file.name for file in folder.iterdir()) == [
-        "episodes.csv",
-        "manifest.json",
-        "recordings",
-        "summary.json",
-    ]
+    assert sorted(file.name for file in folder.iterdir()) == FILES
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["scenario"], summary["episodes"], summary["seed"]) == ("short", 2, 1_000_000)
     assert list(summary["policies"]) == ["none", "ahsc"]
@@ -115,12 +112,7 @@ def test_no_figures_without_matplotlib_but_a_result(scenario, tmp_path, monkeypa
     done = sffr("evaluate", "none", "-s", scenario, "-o", tmp_path)
     assert done.exit_code == 0
     assert "pip install 'sffr-gym[plot]'" in done.stderr
-    assert sorted(file.name for file in tmp_path.iterdir()) == [
-        "episodes.csv",
-        "manifest.json",
-        "recordings",
-        "summary.json",
-    ]
+    assert sorted(file.name for file in tmp_path.iterdir()) == FILES
 
 
 @pytest.mark.parametrize(
@@ -146,7 +138,7 @@ def test_unknown_name_fails_with_the_nearest(arguments, nearest, tmp_path, monke
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--set", "panel.EI=-3"], ["panel.EI", "-3", "greater than 0"]),
+        (["--set", "panel.EI=-3"], ["panel.EI", "-3", "at least 1e-09"]),
         (["--set", "panel.EI=soft"], ["panel.EI", "soft", "number"]),
         (["--set", "initial.q.3=1.9"], ["initial.q", "grasp"]),
         (["--episodes", "0"], ["episodes", "at least 1"]),

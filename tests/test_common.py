@@ -84,4 +84,3 @@ def test_origin_is_told_in_words():
     assert common.describe_commit(None) == "unknown"
     assert common.describe_commit({"commit": "0123456789abcdef", "dirty": False}) == "0123456789ab"
     assert common.describe_commit({"commit": "0123456789abcdef", "dirty": True}) == "0123456789ab, with changes"
-    assert common.available_cores() >= 1

@@ -5,22 +5,31 @@ import json
 import pytest
 
 from sffr_gym import ConfigError
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import Result
-from sffr_workbench.benchmark.compare import common_episodes, scenario_hashes
-from sffr_workbench.benchmark.episodes import PLAN_FILE
-from sffr_workbench.evaluation.run_folder import EPISODES_FILE, SUMMARY_FILE, episodes_csv
+from sffr_workbench.benchmark.compare import common_episodes
+from sffr_workbench.evaluation import (
+    EPISODES_FILE,
+    PLAN_FILE,
+    SUMMARY_FILE,
+    Identity,
+    episodes_csv,
+    open_run,
+    scenario_hashes,
+)
 
 
 def episode(policy, scenario, seed, vibration=1.0):
-    return Result(scenario, policy, seed, dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration}, "", {})
+    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "failed": 0.0}
+    return Result(scenario, policy, seed, measures, "", {})
 
 
 def write(folder, results):
-    folder.mkdir()
-    (folder / EPISODES_FILE).write_text(episodes_csv(results))
     hashes = {result.scenario: result.scenario for result in results}
-    (folder / PLAN_FILE).write_text(json.dumps({"scenarios": hashes}))
+    plan = Identity(version="1", code="", config_hash="", scenarios=hashes, policies={})
+    with RunFolder.claim(folder, "benchmark") as run:
+        run.replace({EPISODES_FILE: episodes_csv(results).encode(), PLAN_FILE: plan.model_dump_json().encode()})
     return folder
 
 
@@ -73,7 +82,8 @@ def test_runs_without_a_common_episode_cannot_be_compared(tmp_path):
 
 
 def test_hashes_are_those_of_the_benchmark_or_of_the_evaluation(tmp_path):
-    assert scenario_hashes(write(tmp_path / "run", [episode("ahsc", "wild", 0)])) == {"wild": "wild"}
-    (tmp_path / "run" / PLAN_FILE).unlink()
-    (tmp_path / "run" / SUMMARY_FILE).write_text(json.dumps({"scenario": "wild", "scenario_hash": "0123"}))
-    assert scenario_hashes(tmp_path / "run") == {"wild": "0123"}
+    assert scenario_hashes(open_run(write(tmp_path / "run", [episode("ahsc", "wild", 0)]))) == {"wild": "wild"}
+    summary = {"scenario": "wild", "scenario_hash": "0123", "episodes": 1, "seed": 0, "policies": {}}
+    with RunFolder.claim(tmp_path / "other", "evaluation") as run:
+        run.replace({SUMMARY_FILE: json.dumps(summary).encode()})
+    assert scenario_hashes(open_run(tmp_path / "other")) == {"wild": "0123"}

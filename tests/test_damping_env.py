@@ -42,8 +42,7 @@ def steps(env, actions, seed=0):
 @pytest.mark.parametrize("scenario", ["excited", "noise", "mismatch", "degraded", "impulse"])
 def test_action_zero_is_the_law_bit_for_bit(law, scenario):
     env = make(law=law, scenario=scenario, duration=1.0, random_phase=False)
-    bare = SFFRFlexEnv(scenario=scenario)
-    bare.scenario = env._distribution()
+    bare = SFFRFlexEnv(env._distribution(env.scenario))
     expected = rollout(bare, make_policy(law, bare), seed=5)
     _, rewards, _, truncated, infos = steps(env, np.zeros((10, 4), np.float32), seed=5)
     last = expected.signals[49::50]

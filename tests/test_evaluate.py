@@ -5,11 +5,13 @@ import io
 import json
 
 import pytest
+from report_runs import leave_run
 from rich.console import Console
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES, measure
 from sffr_gym.task.scenario import load_scenario
@@ -17,8 +19,8 @@ from sffr_gym.task.score import costs
 from sffr_workbench.evaluation import (
     COLUMNS,
     Evaluation,
-    check_folder,
     evaluate,
+    open_run,
     read_episodes,
     run_folder,
     summary_remarks,
@@ -210,12 +212,14 @@ def test_failures_are_counted_and_explained(failing):
 
 
 def test_run_folder_holds_what_was_evaluated(evaluation, tmp_path):
-    files = write_run(tmp_path / "new" / "run", evaluation, ["sffr", "evaluate", "none", "--set", "panel.EI=2 5"])
+    files = leave_run(tmp_path / "new" / "run", evaluation, ["sffr", "evaluate", "none", "--set", "panel.EI=2 5"])
     recordings, files = files[: len(POLICIES)], files[len(POLICIES) :]
     assert [file.name for file in files] == ["episodes.csv", "manifest.json", "summary.json"]
     assert [file.name for file in recordings] == [f"{policy}.npz" for policy in POLICIES]
-    there = {file for file in (tmp_path / "new" / "run").rglob("*") if file.is_file()}
-    assert there == {*recordings, *files}
+    folder = tmp_path / "new" / "run"
+    there = {file for file in folder.rglob("*") if file.is_file()}
+    assert there == {*recordings, *files, folder / "sffr-run.json", folder / ".sffr-run.lock"}
+    assert set(open_run(folder).files) == {file.relative_to(folder).as_posix() for file in (*recordings, *files)}
     assert json.loads(files[2].read_text()) == evaluation.summary()
 
     with files[0].open(newline="") as file:
@@ -249,29 +253,14 @@ def test_failures_are_in_the_episodes_file(failing):
     ]
 
 
-def test_finished_run_is_kept_unless_overwriting(evaluation, tmp_path):
-    write_run(tmp_path, evaluation, [])
-    with pytest.raises(ConfigError, match="--overwrite"):
-        check_folder(tmp_path)
-    check_folder(tmp_path, overwrite=True)
-    (tmp_path / "path.png").write_bytes(b"of the run before")
+def test_a_run_is_replaced_whole(evaluation, tmp_path):
+    """What it wrote goes, also what the new one lacks; what others put beside it stays."""
+    with RunFolder.claim(tmp_path, "evaluation") as run:
+        write_run(run, evaluation, [], {"path.png": b"of the run before"})
     (tmp_path / "mine.png").write_bytes(b"somebody else's")
-    write_run(tmp_path, evaluation, [])
+    leave_run(tmp_path, evaluation, [])
     assert not (tmp_path / "path.png").exists()
     assert (tmp_path / "mine.png").exists()
-
-
-def test_interrupted_run_leaves_no_summary(evaluation, tmp_path, monkeypatch):
-    write_run(tmp_path, evaluation, [])
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(run_folder.os, "replace", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_run(tmp_path, evaluation, [])
-    assert sorted(each.name for each in tmp_path.rglob("*")) == ["episodes.csv", "manifest.json", "recordings"]
-    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 10  # the old one, whole
 
 
 def test_evaluation_refers_to_the_first_policy_without_ahsc(evaluation, failing):

@@ -1,5 +1,7 @@
 """Figures: the geometry that they draw, and that every picture shows what it is to show."""
 
+import io
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from sffr_gym.render.geometry import arm_line, in_base_axes, panel_line
 from sffr_gym.task.quasi_static import quasi_static_at
 from sffr_gym.task.signals import ERROR, TIP, VIBRATION
 from sffr_workbench.evaluation import FIGURE_FILES, evaluate
-from sffr_workbench.figures.episode import _range, damping, figure_data, forces, panels, save_episode_figures, tracking
+from sffr_workbench.figures.episode import _range, damping, draw_episode_figures, figure_data, forces, panels, tracking
 from sffr_workbench.figures.robot import path_figure
 from sffr_workbench.figures.style import POLICY_COLOURS
 
@@ -50,10 +52,9 @@ def data(evaluation):
 
 
 @pytest.fixture(scope="module")
-def pictures(evaluation, tmp_path_factory):
-    """The files, by name."""
-    folder = tmp_path_factory.mktemp("figures")
-    return {file.name: file for file in save_episode_figures(folder, evaluation.first)}
+def pictures(evaluation):
+    """The contents of the files, by name."""
+    return draw_episode_figures(evaluation.first)
 
 
 def share(picture, colour):
@@ -63,21 +64,16 @@ def share(picture, colour):
 
 def test_every_figure_is_there_and_not_blank(pictures):
     assert list(pictures) == list(FIGURE_FILES)
-    for file in pictures.values():
-        picture = imread(file)
+    for content in pictures.values():
+        picture = imread(io.BytesIO(content))
         height, width = picture.shape[:2]
         assert width >= 1200 and height >= 500
         assert 0.01 < np.mean(picture[..., :3].min(axis=-1) < 0.9) < 0.5  # ink
 
 
-def test_figures_leave_nothing_else_behind(pictures):
-    folder = next(iter(pictures.values())).parent
-    assert sorted(file.name for file in folder.iterdir()) == sorted(FIGURE_FILES)
-
-
 @pytest.mark.parametrize("name", ["tracking.png", "panels.png", "forces.png"])
 def test_every_policy_shows_in_its_colour(pictures, name):
-    picture = imread(pictures[name])
+    picture = imread(io.BytesIO(pictures[name]))
     assert all(share(picture, POLICY_COLOURS[policy]) > 1e-4 for policy in ("none", "hsc", "ahsc"))
 
 
@@ -97,9 +93,7 @@ def test_panels_side_by_side_share_a_range_that_shows_both(data):
 def test_no_damping_figure_without_damping(tmp_path):
     none = run(tmp_path, ["none"])
     assert damping(figure_data(none.first)) is None
-    assert [file.name for file in save_episode_figures(tmp_path, none.first)] == [
-        name for name in FIGURE_FILES if name != "damping.png"
-    ]
+    assert list(draw_episode_figures(none.first)) == [name for name in FIGURE_FILES if name != "damping.png"]
 
 
 def test_drawn_arms_hold_the_object(evaluation, data):
@@ -197,7 +191,7 @@ def test_robot_without_an_object_or_arms_is_drawn(tmp_path):
     figure = path_figure(free.first["hsc"], data.model, data.params)
     texts = {text.get_text() for text in figure.axes[1].texts}
     assert {"base", "left panel", "right panel"} <= texts and "object" not in texts
-    assert len(save_episode_figures(tmp_path, free.first)) == len(FIGURE_FILES)
+    assert len(draw_episode_figures(free.first)) == len(FIGURE_FILES)
 
 
 def episode_of(folder, text, policies=("none",)):

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from project import PACKAGES, ROOT
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.rollout import rollout
-from sffr_gym.compile import jit
+from sffr_gym.compile import cache, folders, jit
 from sffr_gym.compile.linalg import assign
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.simulator import Simulator
@@ -35,7 +34,7 @@ def test_kernels_hand_no_arrays_to_python():
         env.reset(seed=0)
         env.step(np.zeros(env.action_space.shape))
     env = SFFRFlexEnv()
-    env.scenario = env.scenario.model_copy(update={"duration": 0.01})
+    env.reset(options={"scenario": env.scenario.model_copy(update={"duration": 0.01})})
     rollout(env, make_policy("ahsc", env), seed=0)
     Simulator().grasp_forces(Simulator().initial_state())
     called = {}
@@ -61,16 +60,17 @@ def test_kernels_see_nan_and_divide_as_numpy():
 
 def test_cache_folder_follows_every_source_and_the_settings(tmp_path, monkeypatch):
     """Whatever words a file contains, and wherever the user put the cache."""
-    monkeypatch.setattr(jit, "_folders", {})
+    monkeypatch.setattr(cache, "_folders", {})
+    monkeypatch.setattr(folders, "ROOTS", [tmp_path])
     source = tmp_path / "law.py"
 
     def folder(text):
-        monkeypatch.setattr(jit, "_sources", [])
+        monkeypatch.setattr(cache, "_sources", [])
         source.write_text(text)
-        return jit.cache_sources("law", [source])
+        return cache.cache_sources("law", [source])
 
     first = folder("GAIN = 1.0\n")
-    assert jit._folders == {"law": first}
+    assert cache._folders == {"law": first}
     assert folder("GAIN = 1.0\n") == first
     assert folder("GAIN = 2.0\n") != first
     monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1 - bool(numba.config.BOUNDSCHECK))
@@ -82,18 +82,7 @@ def test_layers_are_those_that_import_linter_checks():
         "contracts"
     ]
     (layers,) = [contract["layers"] for contract in contracts if contract.get("containers") == ["sffr_gym"]]
-    assert list(jit.LAYERS) == layers[::-1]
-
-
-def test_caches_that_nobody_used_for_a_month_go(tmp_path, monkeypatch):
-    monkeypatch.setattr(jit, "CACHE_ROOT", tmp_path)
-    monkeypatch.setattr(jit, "_folders", {"sffr_gym": tmp_path / "mine"})
-    for name, days in (("mine", 60), ("recent", 5), ("old", 60)):
-        (tmp_path / name).mkdir()
-        long_ago = time.time() - days * 24 * 3600
-        os.utime(tmp_path / name, (long_ago, long_ago))
-    jit.remove_stale_caches()
-    assert {folder.name for folder in tmp_path.iterdir()} == {"mine", "recent"}
+    assert list(cache.LAYERS) == layers[::-1]
 
 
 def test_import_order_does_not_matter():
@@ -130,15 +119,14 @@ import sffr_workbench.cli.app
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.rollout import rollout
-from sffr_gym.compile import jit
+from sffr_gym.compile import cache
 from sffr_gym.compile.linalg import assign
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.simulator import Simulator
-print(jit.is_compiled())
+print(cache.is_compiled())
 for package in ("sffr_gym.envs", "sffr_baselines"):
-    jit._folders[package].mkdir(parents=True, exist_ok=True)
-    (jit._folders[package] / "kernel.nbi").touch()
-    print(jit.is_compiled())
+    (cache._folders[package] / "kernel.nbi").touch()
+    print(cache.is_compiled())
 """
     assert own_cache(code, tmp_path) == ["False", "False", "True"]
 
@@ -159,13 +147,13 @@ import importlib, pathlib
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.rollout import rollout
-from sffr_gym.compile import jit
+from sffr_gym.compile import cache
 from sffr_gym.compile.linalg import assign
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.simulator import Simulator
 for path, module in {[(str(path), module) for path, module in modules.items()]}:
     importlib.import_module(module)
-    print(pathlib.Path(path).read_bytes() in jit._sources and jit._folder_of(module) is not None)
+    print(pathlib.Path(path).read_bytes() in cache._sources and cache.folder_of(module) is not None)
 """
     assert own_cache(code, tmp_path) == ["True"] * len(modules)
 

@@ -21,6 +21,7 @@ from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save
 from sffr_baselines.policies import policy_title
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.score import costs
 from sffr_workbench.benchmark.episodes import Plan, run_episodes
@@ -50,11 +51,8 @@ def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     with torch.no_grad():
         model.policy.action_net[0].weight *= 100.0  # else it hardly acts
     schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
-    bare, damping = (
-        SFFRFlexEnv(scenario="excited"),
-        SFFRFlexDampingEnv(duration=1.0, random_phase=False, base_tolerance=schedule.base_tolerance),
-    )
-    bare.scenario = damping._distribution()
+    damping = SFFRFlexDampingEnv(duration=1.0, random_phase=False, base_tolerance=schedule.base_tolerance)
+    bare = SFFRFlexEnv(damping._distribution(damping.scenario))
     policy = schedule.policy(bare.params)
     assert schedule.base_tolerance == policy.law.schedule.tolerance == 0.003  # of the shipped configuration
     compiled = rollout(bare, policy, seed=4)
@@ -156,13 +154,17 @@ def test_files_stand_beside_baselines_in_evaluation_and_benchmark(schedule, shor
     evaluation = evaluate(["ahsc", str(file)], short, 1)
     assert list(evaluation.results) == ["ahsc", "mine/best"]
     plan = Plan(("ahsc", str(file)), (short,), 1, 1_000_000, load_params())
-    results = run_episodes(plan, tmp_path / "run", jobs=1)
+    with RunFolder.claim(tmp_path / "run", "benchmark") as run:
+        results = run_episodes(plan, run, jobs=1)
     assert results == [own[0] for own in evaluation.results.values()]
     assert results[0].measures != results[1].measures
     network = Network((2.0 * schedule.network.matrices[0],), schedule.network.biases, False, False)
     save_schedule(file, replace(schedule, network=network))
-    with pytest.raises(ConfigError, match="another policy 'mine/best'"):
-        run_episodes(plan, tmp_path / "run", jobs=1)
+    with (
+        RunFolder.claim(tmp_path / "run", "benchmark") as run,
+        pytest.raises(ConfigError, match="another policy 'mine/best'"),
+    ):
+        run_episodes(plan, run, jobs=1)
 
 
 def test_policies_of_one_title_are_rejected(schedule, short, tmp_path):
@@ -184,7 +186,7 @@ def test_schedules_are_read_by_name_and_by_path():
     file = shipped_policies()["sac"]
     for name in ("sac", str(file), file):
         assert load_schedule(name).trained["algo"] == "sac"
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ConfigError, match=r"nowhere/best\.npz: cannot be read"):
         load_schedule("nowhere/best.npz")
 
 
@@ -201,10 +203,10 @@ def test_unknown_schedule_is_named_with_the_nearest(name, hint):
         ({"matrix0": np.zeros((3, 7))}, "a matrix of shape"),
         ({"matrix0": np.zeros((2, 6))}, "6 inputs and 2 outputs does not fit 14 observations"),
         ({"matrix0": np.full((2, 7), np.inf)}, "not finite"),
-        ({"bias0": np.array([None, 1], dtype=object)}, "allow_pickle=False"),
+        ({"bias0": np.array([None, 1], dtype=object)}, "must hold numbers or texts"),
         ({"matrix1": np.zeros((1, 5)), "bias1": np.zeros(1)}, "followed by one of 5 inputs"),
-        ({"about": np.array("{}")}, "'format'"),
-        ({"about": np.array('{"format": "sffr-policy-9"}')}, "has the format 'sffr-policy-9'"),
+        ({"about": np.array("{}")}, "about: format: missing"),
+        ({"about": np.array('{"format": "sffr-policy-9"}')}, "format = 'sffr-policy-9': must be 'sffr-policy-1'"),
     ],
 )
 def test_file_that_is_no_policy_is_rejected(schedule, changes, message, tmp_path):
@@ -221,7 +223,7 @@ def test_file_that_is_no_policy_is_rejected(schedule, changes, message, tmp_path
 def test_text_is_no_policy(tmp_path):
     file = tmp_path / "policy.npz"
     file.write_text("weights")
-    with pytest.raises(ConfigError, match="is not a policy"):
+    with pytest.raises(ConfigError, match=r"is no \.npz file of plain arrays"):
         load_schedule(file)
 
 

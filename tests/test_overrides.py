@@ -68,7 +68,7 @@ def test_blame_falls_on_the_right_override(params):
     lines = rejection(params, "panel={EI: -1}", "arms=[{}]", "suppression.B0=[1]").splitlines()
     assert [line.partition(" (")[0] for line in lines] == [
         *(f"override 'arms=[{{}}]': arms.0.{key}: missing" for key in ("name", "mount", "mount_angle", "links")),
-        "override 'panel={EI: -1}': panel.EI = -1: must be greater than 0",
+        "override 'panel={EI: -1}': panel.EI = -1: must be at least 1e-09",
         "override 'suppression.B0=[1]': suppression.B0 = [1]: must have 3 entries, has 1",
     ]
     assert rejection(params, "panel.EI=-1", "panel.EI=-2").startswith("override 'panel.EI=-2': panel.EI = -2")

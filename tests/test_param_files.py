@@ -59,7 +59,7 @@ def test_errors_of_a_file_are_all_listed_with_their_lines(tmp_path):
     assert sorted(line.partition(" (")[0] for line in lines) == [
         f"{path}:10: arms.0.links.1.mass: missing",
         f"{path}:2: panel.lenght: unknown key; did you mean 'length'?",
-        f"{path}:3: panel.EI = -3.0: must be greater than 0",
+        f"{path}:3: panel.EI = -3.0: must be at least 1e-09",
     ]
 
 
@@ -111,12 +111,12 @@ def test_anchors_and_merge_keys_work(params, tmp_path):
 
 
 def test_names_of_shipped_and_missing_files(params, tmp_path, monkeypatch):
-    """A bare name finds the shipped file, unless the user has one of that name; anything else is rejected."""
+    """A bare name finds the shipped file; with its ending unless the user has one; anything else is rejected."""
     monkeypatch.chdir(tmp_path)
     assert load_params("sffr") == load_params("sffr.yaml") == load_params(SHIPPED) == params
     with pytest.raises(ConfigError, match=r"^sfr: no such file; did you mean 'sffr'\? \(shipped: .*sffr"):
         load_params("sfr")
-    with pytest.raises(ConfigError, match=r"no such file"):
+    with pytest.raises(ConfigError, match="Is a directory"):
         load_params(tmp_path)
     with pytest.raises(ConfigError, match=r"no such file"):
         load_params("elsewhere/sffr.yaml")

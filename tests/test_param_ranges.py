@@ -22,10 +22,10 @@ NON_NEGATIVE = """arms.0.links.0.com panel.strain_rate_damping suppression.B0.1 
 
 @pytest.mark.parametrize("key", POSITIVE)
 def test_positive_quantities(params, key):
-    """Zero and below are rejected, just above is not."""
-    assert f"{key} = 0: must be greater than 0 (" in rejection(params, f"{key}=0")
-    assert f"{key} = -3.0: must be greater than 0 (" in rejection(params, f"{key}=-3.0")
-    params.with_overrides(f"{key}=1e-3", "arms.0.links.1.com=0", "control.period=1e-6")
+    """Zero, below, and what is nothing beside the rest is rejected; a thousandth is not."""
+    for value in ("0", "-3.0", "1e-300"):
+        assert f"{key} = {value}: must be at least " in rejection(params, f"{key}={value}")
+    params.with_overrides(f"{key}=1e-3", "arms.0.links.1.com=0", "control.period=1e-6", "path.speed=1e-3")
 
 
 @pytest.mark.parametrize("key", NON_NEGATIVE)
@@ -81,6 +81,12 @@ def test_nonnegative_quantities(params, key):
         ("initial.qf=[[0, 0, 0]]", r"must have 3 numbers for all the panels or 2 lists of 3, one for each; has 1"),
         ("initial.qfd=[[0, 0, 0]]", r"must have 3 numbers for all the panels or 2 lists of 3, one for each; has 1"),
         ("initial.qfd=a", r"must be a list \("),
+        ("initial.qd=a", r"must be a list \("),
+        ('arms.3.name="a\\nb"', r"must consist of characters that can be printed"),
+        (f"arms.3.name={'a' * 65}", r"String should have at most 64 characters"),
+        ("path.speed=20.1", r"must be at most limits\.velocity = 20 \[m/s\]"),
+        ("path.radius=0.03", r"must be at least speed\^2 / limits\.velocity = 0\.0361 \[m\]"),
+        ("simulation.baumgarte=1001", r"must be at most 1e\+03 \[1/s\] with steps of 0\.002 s"),
         ("control.period=7.0e-3", r"must be less than 0\.006667 \[s\] with Kp = 900 and"),
     ],
 )
@@ -103,6 +109,8 @@ def test_rejected_values(params, assignment, reason):
         ("object=null", "arms=[]", "initial.q=[0, 0, 0]", "initial.qd=[0, 0, 0]"),
         ("arms.0.mount_angle=-6.28", "control.period=6.6e-3", "panel.elements=64", "arms.0.links.0.com=1.0"),
         ("control.Kp=1.0e6", "control.period=0.5e-3"),
+        ("initial.qd=",),
+        ("arms.0.name=\u8155 <b>&'\"", "object.grasps.0.arm=\u8155 <b>&'\""),
     ],
 )
 def test_accepted_variants(params, assignments):

@@ -108,21 +108,43 @@ def test_plant_is_that_of_what_was_drawn(scenario):
 
 
 @pytest.mark.parametrize(
-    "damage",
+    "place,damage",
     [
-        lambda past: past._replace(rows=past.rows[:, :-1]),
-        lambda past: past._replace(rows=np.full_like(past.rows, np.nan)),
-        lambda past: past._replace(moment=past.moment._replace(tick=1, p=past.moment.p[:-1])),
-        lambda past: past._replace(moment=past.moment._replace(tick=1, v=np.full_like(past.moment.v, np.inf))),
-        lambda past: past._replace(moment=past.moment._replace(tick=1, status=99.0)),
+        ("rows", lambda past: past._replace(rows=past.rows[:, :-1])),
+        ("rows", lambda past: past._replace(rows=np.full_like(past.rows, np.nan))),
+        ("rows", lambda past: past._replace(rows=None)),
+        ("moment.p", lambda past: past._replace(moment=past.moment._replace(p=past.moment.p[:-1]))),
+        ("moment.v", lambda past: past._replace(moment=past.moment._replace(v=np.full_like(past.moment.v, np.inf)))),
+        ("moment.tick", lambda past: past._replace(moment=past.moment._replace(tick=10**9))),
+        ("moment.status", lambda past: past._replace(moment=past.moment._replace(status=99.0))),
+        ("title", lambda past: past._replace(title=b"")),
+        ("", lambda past: (1, 2)),
+        ("", lambda past: past.rows),
     ],
 )
-def test_picture_of_another_robot_is_refused(damage):
-    env = SFFRFlexEnv(render_mode="rgb_array")
+def test_picture_of_another_robot_is_refused(kind, place, damage):
+    """In a line that names the place; the environment stays as it was."""
+    make, steps = kind
+    env = make(render_mode="rgb_array")
+    env.reset(seed=0)
+    advance(env, steps)
+    state, before = env.get_state(), pictures(env)
+    past = state["trace"]
+    damaged = [past[0], damage(past[1])] if isinstance(past, list) else damage(past)
+    with pytest.raises(ValueError, match=rf"state\.trace(\.1)?{f'.{place}' if place else ''}: ") as error:
+        env.set_state(state | {"trace": damaged})
+    assert "\n" not in str(error.value)
+    np.testing.assert_array_equal(pictures(env), before)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1e9, np.nan])
+def test_plant_that_no_scenario_draws_is_refused(factor):
+    env = SFFRFlexVectorEnv(2, scenario="mismatch", render_mode="rgb_array")
     env.reset(seed=0)
     state = env.get_state()
-    with pytest.raises(ValueError, match=r"the state's (trace|picture)"):
-        env.set_state(state | {"trace": damage(state["trace"])})
+    state["drawn"]["EI_factor"][0][1] = factor
+    with pytest.raises(ValueError, match=r"drawn: EI_factor = .*: no scenario draws that"):
+        env.set_state(state)
 
 
 @pytest.mark.parametrize("name,mode", MODES)

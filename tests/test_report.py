@@ -11,7 +11,7 @@ from importlib import resources
 import numpy as np
 import pytest
 from command_line import sffr
-from report_runs import SEED, run
+from report_runs import SEED, made_up, made_up_run, run
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout
@@ -19,14 +19,12 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import modal_tip_deflections
 from sffr_gym.physics.model import mode_slice, pack
 from sffr_gym.render.geometry import panel_line, place_in_panel
-from sffr_gym.task.metrics import MEASURES
-from sffr_gym.task.score import Result
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_workbench.evaluation.recording import RECORDINGS, Recording
 from sffr_workbench.figures.style import POLICY_COLOURS
 from sffr_workbench.report.page import REPORT_FILE, SCRIPTS, STYLES, report_page, write_report
 from sffr_workbench.report.replay import columns_of, episode_data, group_by_episode
-from sffr_workbench.report.runs import Run, read_run, score_table
+from sffr_workbench.report.runs import read_run, score_table
 from sffr_workbench.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 
 pytest.importorskip("jinja2")
@@ -125,11 +123,6 @@ def test_every_script_and_style_is_in_the_page(text):
         assert content in text and "</script" not in content
 
 
-def made_up(policy, vibration, failure=""):
-    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "track_rmse": 2e-6, "piezo_effort": 0.0}
-    return Result("made-up", policy, 0, measures, failure, {})
-
-
 def test_scores_are_means_in_the_heads_units():
     group = {"none": [made_up("none", 0.02), made_up("none", 0.04)], "ahsc": [made_up("ahsc", 0.001)] * 2}
     scores = score_table("made-up", group)
@@ -152,17 +145,17 @@ def test_many_scenarios_have_an_overview():
         for name, each in energies.items()
         for policy, energy in each.items()
     ]
-    table = Run("many", results, {}, [], []).overview
+    table = made_up_run("many", results).overview
     assert [head for head, _ in table.heads] == ["one", "two"]
     costs = {policy: [cell.text for cell in cells] for policy, cells, _ in table.rows}
     assert costs == {"none": ["1.60", "2.80"], "ahsc": ["1.00", "1.00"], "hsc": ["", "1.60"]}
-    assert table.verdict == "" and Run("one", results[:2], {}, [], []).overview is None
-    assert Run("no reference", [results[0], results[2]], {}, [], []).overview is None
+    assert table.verdict == "" and made_up_run("one", results[:2]).overview is None
+    assert made_up_run("no reference", [results[0], results[2]]).overview is None
 
 
 def test_page_of_a_benchmark_shows_its_costs():
     text = report_page(
-        [Run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")], {}, [], [])]
+        [made_up_run("many", [replace(made_up("ahsc", 1e-3), scenario=name) for name in ("one", "two")])]
     )
     assert "cost in each scenario" in text and "one: 1 episode of each policy" in text
 
@@ -330,15 +323,15 @@ def test_run_without_recordings_has_a_page_without_replay(folder, tmp_path):
 @pytest.mark.parametrize(
     "names,message",
     [
-        (["nothing"], "holds no finished run"),
+        (["nothing"], "holds no run of sffr evaluate or sffr benchmark"),
         (["three", "three"], "is given twice"),
-        (["bare"], "no manifest of a run"),
+        (["bare"], "manifest.json: cannot be read: No such file"),
     ],
 )
 def test_errors_say_what_is_wrong(folder, names, message):
     bare = folder.parent / "bare"
-    bare.mkdir(exist_ok=True)
-    shutil.copy(folder / "episodes.csv", bare)
+    shutil.copytree(folder, bare, dirs_exist_ok=True)
+    (bare / "manifest.json").unlink()
     result = sffr("report", *(folder.parent / name for name in names), "--out", folder.parent / "none.html")
     assert result.exit_code == 2 and message in result.output, result.output
     assert not (folder.parent / "none.html").exists()

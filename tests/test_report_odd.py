@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from sffr_workbench.evaluation import Recording, evaluate, write_run
-from sffr_workbench.evaluation.recording import recording_files
-from sffr_workbench.figures import save_episode_figures
+from sffr_gym.config.run_folder import RunFolder
+from sffr_workbench.evaluation import Recording, evaluate, open_run, recording_files, write_run
+from sffr_workbench.figures import draw_episode_figures
 from sffr_workbench.report import report_page, write_report
 from sffr_workbench.report.runs import read_run
 from sffr_workbench.report.spectrum import mode_frequencies, spectrum
@@ -38,14 +38,12 @@ BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browse
 
 
 def write(folder, overrides=(), duration=0.5, name="odd", policies=("random", "none")):
-    """A run folder with its figures, and the evaluation."""
-    folder.mkdir(parents=True)
+    """Leave a run folder with its figures."""
     file = folder.parent / f"{folder.name}.yaml"
     file.write_text(yaml.safe_dump({"name": name, "description": name, "duration": duration}), encoding="utf-8")
     evaluation = evaluate(list(policies), str(file), 1, overrides=overrides)
-    write_run(folder, evaluation, ["sffr", "evaluate", name])
-    save_episode_figures(folder, evaluation.first)
-    return evaluation
+    with RunFolder.claim(folder, "evaluation") as run:
+        write_run(run, evaluation, ["sffr", "evaluate", name], draw_episode_figures(evaluation.first))
 
 
 def data(page):
@@ -124,7 +122,7 @@ def test_numbers_that_are_not_finite_are_null_or_left_out(runs):
     "seconds,period,there", [(0.5, 0.002, True), (0.318, 0.002, False), (0.05, 1e-4, False), (0.25, 1e-4, True)]
 )
 def test_spectrum_needs_periods_of_the_highest_frequency(runs, seconds, period, there):
-    (file, *_) = recording_files(runs["one panel"])
+    (file, *_) = recording_files(open_run(runs["one panel"]))
     t = np.arange(0.0, seconds, period)
     recording = dataclasses.replace(Recording.read(file), period=period, tips=np.sin(60.0 * t)[:, None])
     found = spectrum(recording)

@@ -7,24 +7,8 @@ import subprocess
 
 import pytest
 
-from sffr_gym import ConfigError
 from sffr_gym.config.files import to_json, write_whole
 from sffr_gym.config.provenance import git_state
-from sffr_workbench.evaluation import check_file, check_folder
-
-
-def test_folder_that_cannot_be_is_rejected_beforehand(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="not a folder"):
-        check_folder(tmp_path / "file" / "run")
-
-
-def test_file_that_is_there_is_kept_unless_overwriting(tmp_path):
-    check_file(tmp_path / "page.html")
-    (tmp_path / "page.html").write_text("")
-    with pytest.raises(ConfigError, match=r"page\.html: is there already; .*--overwrite"):
-        check_file(tmp_path / "page.html")
-    check_file(tmp_path / "page.html", overwrite=True)
 
 
 def test_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):

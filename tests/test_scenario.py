@@ -207,7 +207,7 @@ def test_a_users_file_sets_what_is_drawn(simulator, user_scenario):
         ({"panel_modes": [{"mode": 1, "amplitude": [-0.2, 0.1]}]}, "0 <= lower <= upper"),
         ({"panel_modes": [{"mode": 1, "amplitude": [0.1]}]}, "amplitude"),
         ({"panel_modes": [{"mode": 0, "amplitude": [0, 0.1]}]}, "panel_modes.0.mode = 0: must be at least 1"),
-        ({"duration": 0}, "duration = 0: must be greater than 0"),
+        ({"duration": 0}, "duration = 0: must be at least 1e-06"),
         ({"duration": "long"}, "duration = 'long': must be a number"),
         ({"offset_position": -0.1}, "offset_position = -0.1: must be at least 0"),
         ({"speed": [1.2, 0.6]}, r"mine\.yaml:\d+: speed = \[1\.2, 0\.6\]: .* 0\.01 <= lower <= upper <= 10"),

@@ -21,8 +21,8 @@ PUSHED = -np.linalg.solve(K, MASS * np.array([0.5, -LENGTH / 12.0]))  # tip unde
 
 def pair(seed, **arguments):
     """A scheduled environment and the plain one, both at the start of the same episode, with their observations."""
-    damping, bare = SFFRFlexDampingEnv(law="hsc", **arguments), SFFRFlexEnv(overrides=arguments.get("overrides", ()))
-    bare.scenario = damping._distribution()
+    damping = SFFRFlexDampingEnv(law="hsc", **arguments)
+    bare = SFFRFlexEnv(damping._distribution(damping.scenario), damping.params)
     return damping, bare, damping.reset(seed=seed)[0], bare.reset(seed=seed)[0]
 
 

@@ -56,11 +56,11 @@ def test_zero_damping_is_no_start(swinging):
 
 def test_written_settings_are_read_back(tmp_path):
     tuning = Tuning(1.25, 4.5, 0.91234, 1.0, 40)
-    file = write_damping(tmp_path / "tuned.yaml", tuning, "sffr tune-hsc --episodes 3")
+    file = write_damping(tmp_path / "tuned.yaml", tuning, "sffr tune-hsc --out 'a: #b'")
     data, where = config.read_mapping(file)
     damping = config.build(TunedDamping, data, where)
     assert (damping.q5, damping.q6, damping.cost, damping.hsc_cost) == (1.25, 4.5, 0.91234, 1.0)
-    assert damping.command == "sffr tune-hsc --episodes 3" and "tried 40 pairs" in file.read_text()
+    assert damping.command == "sffr tune-hsc --out 'a: #b'" and "tried 40 pairs" in file.read_text()
 
 
 def test_policy_has_the_tuned_damping():
@@ -73,7 +73,7 @@ def test_policy_has_the_tuned_damping():
 
 
 def test_command_writes_its_settings(swinging, tmp_path):
-    file = tmp_path / "tuned.yaml"
+    file = tmp_path / "new" / "tuned.yaml"
     arguments = ["tune-hsc", "-s", swinging, "-n", "1", "--evaluations", "4", "--out", str(file)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
@@ -83,9 +83,13 @@ def test_command_writes_its_settings(swinging, tmp_path):
 
 
 def test_command_says_what_is_wrong(tmp_path):
+    taken = tmp_path / "mine.yaml"
+    taken.write_text("a: 1")
     for arguments, message in (
         (["--seed", "1000000"], "training takes at least one"),
-        (["--out", str(tmp_path / "nowhere" / "file.yaml")], "its folder does not exist"),
+        (["--out", str(tmp_path)], "is a folder"),
+        (["--out", str(taken)], "is there already; choose another name with --out or add --overwrite"),
+        (["--out", str(taken / "file.yaml")], "is not a folder"),
     ):
         done = CliRunner().invoke(app, ["tune-hsc", *arguments])
         assert done.exit_code == 2 and message in done.stderr

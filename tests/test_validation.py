@@ -38,8 +38,7 @@ def measured(schedule):
     """Vibration, tracking error and effort (episodes, 3) of AHSC and of the schedule, by scenario."""
     found = {}
     for scenario, count in (("excited", 3), ("nominal", 1)):  # the second draws nothing
-        env = SFFRFlexEnv()
-        env.scenario = load_scenario(scenario).model_copy(update={"duration": 0.2})
+        env = SFFRFlexEnv(load_scenario(scenario).model_copy(update={"duration": 0.2}))
         policies = make_policy("ahsc", PARAMS), schedule.policy(PARAMS)
         found[scenario] = [
             np.array([measures(rollout(env, policy, VALIDATION_SEED + k)) for k in range(count)]) for policy in policies

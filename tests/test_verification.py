@@ -8,6 +8,7 @@ from importlib import import_module
 import numba
 import pytest
 
+from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.verify import Check, CheckFigure, run_checks, suite, write_page
 from sffr_workbench.verify.check import make_check, relative, rms
 
@@ -127,7 +128,8 @@ def test_page_has_every_check_and_figure(tmp_path):
 
     figure = CheckFigure("Curves & lines", "What to see", draw)
     checks = [passing("a < b", figures=(figure,)), passing("second", passed=False, section="Other")]
-    text = write_page(checks, tmp_path / "new").read_text(encoding="utf-8")
+    with RunFolder.claim(tmp_path / "new", "verification") as run:
+        text = write_page(checks, run).read_text(encoding="utf-8")
 
     class Reader(HTMLParser):
         words, images = "", 0

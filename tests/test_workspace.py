@@ -154,7 +154,7 @@ def test_kernels_read_nothing_that_they_have_not_written(make):
 @pytest.mark.parametrize("policy", ["lqr", "sac"])
 def test_the_closed_loop_reads_nothing_that_it_has_not_written(policy, monkeypatch):
     env = SFFRFlexEnv(scenario="excited")
-    env.scenario = env.scenario.model_copy(update={"duration": 0.4})
+    env.reset(options={"scenario": env.scenario.model_copy(update={"duration": 0.4})})
     clean = rollout(env, make_policy(policy, env), seed=0)
     monkeypatch.setattr("sffr_baselines.rollout.allocate", lambda shapes: np.full_like(allocate(shapes), np.nan))
     poisoned = rollout(env, make_policy(policy, env), seed=0)

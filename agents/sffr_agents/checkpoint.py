@@ -1,168 +1,208 @@
 """Checkpoints from which a killed training resumes with bitwise identical results; written whole or not at all.
 
-A folder with the weights and optimisers (read with ``weights_only``), the random number generators, the state of every
-environment and the replay buffer. Plain numbers alone: nothing of it is run when it is read.
+A folder with two files, ``state.json`` and ``arrays.npz``: weights, optimisers, random number generators, the state of
+every environment and the replay buffer. Plain numbers alone: nothing of it is run when it is read, and all of it is
+compared with what the training expects before anything of the training is changed.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import random
+import re
 import shutil
-from collections.abc import Iterable
-from operator import attrgetter
+import warnings
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import torch
+from pydantic import Field, model_validator
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 
-from sffr_agents.sb3_vec_env import batch_of
-from sffr_gym.config.strict_yaml import ConfigError
+from sffr_agents import snapshot
+from sffr_agents.folder import Tell
+from sffr_agents.plain import decode, encode
+from sffr_gym.config.reading import read_arrays, read_json
+from sffr_gym.config.sections import Section
+from sffr_gym.config.strict_yaml import ConfigError, build, check_error
 
-COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_remaining")
-REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+FORMAT = "sffr-checkpoint-1"
+STATE, ARRAYS = "state.json", "arrays.npz"
+NAME, UNFINISHED = re.compile(r"\d{6}"), re.compile(r"\.\d{6}\.\d+")
+MOST_STATE = 8_000_000  # bytes; 64 environments have 20,000
+MOST_HEADERS = 1_000_000  # bytes of an archive beside its numbers
+WINDOW = 100  # episodes whose mean Stable-Baselines3 logs
+
+Score = Annotated[float, Field(allow_inf_nan=True)]
+Count = Annotated[int, Field(ge=0, le=snapshot.MOST_COUNT)]
 
 
-def save_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, notes: dict[str, Any], keep: int) -> None:
+class Notes(Section):
+    """What a training wants to know again beside the state of its algorithm and environments."""
+
+    validated: Count = Field(default=0, description="steps at the last comparison with AHSC")
+    saved: Count = Field(default=0, description="steps at the last checkpoint")
+    scores: dict[str, Score] = Field(default={}, description="of the last comparison")
+    best_scores: dict[str, Score] = Field(default={}, description="of the best policy")
+    elapsed: float = Field(default=0.0, ge=0.0, description="time of all processes [s]")
+    pending: tuple[tuple[str, int | Score, tuple[str, ...]], ...] = Field(
+        default=(), description="what waits for the next row of the log, and for each the outputs that do not get it"
+    )
+    episodes: tuple[tuple[Score, Count], ...] = Field(
+        default=(), max_length=WINDOW, description="returns and lengths of the last ones"
+    )
+
+    @model_validator(mode="after")
+    def _complete_scores(self) -> Self:
+        for scores in (self.scores, self.best_scores):
+            names = {name.removesuffix("/cost") for name in scores if name.endswith("/cost")}
+            needed = {"cost"} | {f"{name}/{measure}" for name in names for measure in ("vibration", "tracking")}
+            if scores and not needed <= scores.keys():
+                raise check_error(f"has scores without {min(needed - scores.keys())!r}")
+        if bool(self.scores) != bool(self.best_scores):
+            raise check_error("has either scores or best_scores")
+        return self
+
+
+class Written(Section):
+    """What ``state.json`` holds."""
+
+    format: Literal["sffr-checkpoint-1"] = Field(description="of the folder")
+    notes: Any = Field(description="see Notes")
+    state: Any = Field(description="see snapshot.take")
+
+
+def save_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, notes: Notes, keep: int) -> None:
     """Write a checkpoint between two rollouts, and remove all but the last ones.
 
     Args:
-        folder: of the run's checkpoints.
+        folder: of the run's checkpoints; what else lies in it stays.
         model: after its last update.
         env: its environments, see :func:`sb3_vec_env.batch_of`.
-        notes: what the training wants to know again, of plain values.
+        notes: what the training wants to know again.
         keep: how many checkpoints stay.
+
+    Raises:
+        OSError: if the disk is full, or the folder cannot be written to.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    remove_unfinished(folder)
     arrays: dict[str, np.ndarray] = {}
-    tree = {"notes": notes, "state": _encode(_state(model, env), arrays)}
-    before = _finished(folder)
-    number = int(before[-1].name) + 1 if before else 1
-    unfinished = folder / "unfinished"
-    shutil.rmtree(unfinished, ignore_errors=True)
+    written = {
+        "format": FORMAT, "notes": encode(notes.model_dump(), arrays),
+        "state": encode(snapshot.take(model, env), arrays),
+    }  # fmt: skip
+    own = [path for path in _numbered(folder) if _is_ours(path)]
+    number = 1 + (int(own[-1].name) if own else 0)
+    while os.path.lexists(place := folder / f"{number:06d}"):  # of others, or damaged
+        number += 1
+    unfinished = folder / f".{place.name}.{os.getpid()}"
     unfinished.mkdir()
-    torch.save(
-        {"parameters": model.get_parameters(), "variables": _variables(model), "rng": torch.get_rng_state()},
-        unfinished / "weights.pt",
-    )
-    np.savez(unfinished / "arrays.npz", allow_pickle=False, **arrays)
-    (unfinished / "state.json").write_text(json.dumps(tree))
-    for file in unfinished.iterdir():
-        with file.open("rb") as written:
-            os.fsync(written.fileno())
-    unfinished.rename(folder / f"{number:06d}")
-    for old in _finished(folder)[:-keep]:
+    try:
+        np.savez(unfinished / ARRAYS, allow_pickle=False, **arrays)
+        (unfinished / STATE).write_text(json.dumps(written, allow_nan=False), encoding="utf-8")
+        for file in unfinished.iterdir():
+            with file.open("rb") as content:
+                os.fsync(content.fileno())
+        unfinished.rename(place)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    for old in [*own, place][:-keep]:
         shutil.rmtree(old)
 
 
-def load_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor) -> dict[str, Any]:
-    """Put model, environments and random number generators back to the last checkpoint, and return its notes.
+def load_checkpoint(folder: Path, model: BaseAlgorithm, env: VecMonitor, tell: Tell = warnings.warn) -> Notes:
+    """Put model, environments and random number generators back to the last checkpoint that is whole.
+
+    Args:
+        folder: of the run's checkpoints.
+        model: as it was built from the configuration.
+        env: its environments.
+        tell: called with a line for each later checkpoint that is damaged.
 
     Raises:
-        ConfigError: if there is none.
+        ConfigError: if there is none, or all are damaged; model and environments have not changed then.
     """
-    finished = _finished(folder)
-    if not finished:
-        raise ConfigError(f"{folder}: holds no checkpoint to resume from")
-    saved = torch.load(finished[-1] / "weights.pt", weights_only=True)
-    model.set_parameters(saved["parameters"])
-    for name, value in saved["variables"].items():
-        attrgetter(name)(model).data.copy_(value)
-    tree: dict[str, Any] = json.loads((finished[-1] / "state.json").read_text())
-    with np.load(finished[-1] / "arrays.npz", allow_pickle=False) as arrays:
-        _restore(_decode(tree["state"], _state(model, env), arrays), model, env)
-    torch.set_rng_state(saved["rng"])
-    notes: dict[str, Any] = tree["notes"]
-    return notes
+    found = _numbered(folder)
+    if not found:
+        raise ConfigError(f"{folder}: holds no checkpoint")
+    damages: list[str] = []
+    for checkpoint in reversed(found):
+        try:
+            notes = _load(checkpoint, model, env)
+        except ConfigError as error:
+            damages.append(str(error).splitlines()[0])
+            continue
+        for damage in damages:
+            tell(f"{damage}; {checkpoint.name} is taken, an earlier checkpoint")
+        return notes
+    raise ConfigError("\n".join(damages))
 
 
-def _state(model: BaseAlgorithm, env: VecMonitor) -> dict[str, Any]:
-    """Return everything beside the weights that the future depends on."""
-    if model._last_obs is None:
-        model._last_obs = env.reset()  # type: ignore[assignment]  # an array, as the observation space is a box
-        model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
-    state = batch_of(env).get_state()
-    del state["scenario"]
-    buffer = getattr(model, "replay_buffer", None)
-    filled = 0 if buffer is None else buffer.buffer_size if buffer.full else buffer.pos
-    return {
-        "environments": state,
-        "monitor": (env.episode_returns, env.episode_lengths),
-        "last": (model._last_obs, model._last_episode_starts),
-        "counters": {name: getattr(model, name) for name in COUNTERS},
-        "random": random.getstate(),
-        "numpy": np.random.get_state(),  # noqa: NPY002  (Stable-Baselines3 draws from it)
-        "actions": model.action_space.np_random,
-        "replay": [getattr(buffer, name)[:filled] for name in REPLAY] if buffer else [],
-        "position": (buffer.pos, buffer.full) if buffer else (0, False),
-    }
+def holds_checkpoint(folder: Path) -> bool:
+    """Say whether a folder holds checkpoints, whole or not."""
+    return bool(_numbered(folder))
 
 
-def _restore(state: dict[str, Any], model: BaseAlgorithm, env: VecMonitor) -> None:
-    """Undo :func:`_state`."""
-    batch = batch_of(env)
-    batch.set_state(state["environments"] | {"scenario": batch.scenario})
-    env.episode_returns, env.episode_lengths = state["monitor"]
-    model._last_obs, model._last_episode_starts = state["last"]
-    for name, value in state["counters"].items():
-        setattr(model, name, value)
-    version, words, gauss = state["random"]
-    random.setstate((version, tuple(words), gauss))
-    np.random.set_state(state["numpy"])  # noqa: NPY002
-    model.action_space._np_random = state["actions"]
-    buffer = getattr(model, "replay_buffer", None)
-    if buffer is not None:
-        for name, values in zip(REPLAY, state["replay"], strict=True):
-            getattr(buffer, name)[: len(values)] = values
-        buffer.pos, buffer.full = state["position"]
+def remove_unfinished(folder: Path) -> None:
+    """Remove checkpoints that killed processes had begun to write."""
+    for path in folder.glob(".*"):
+        if UNFINISHED.fullmatch(path.name) and _holds_only_ours(path):
+            shutil.rmtree(path)
 
 
-def _encode(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """Return the value as JSON, its arrays by their names in ``arrays``."""
+def _load(checkpoint: Path, model: BaseAlgorithm, env: VecMonitor) -> Notes:
+    """Put a training back to a checkpoint; raises ConfigError if that is damaged, or of another training."""
+    file = checkpoint / STATE
+    data = read_json(file, MOST_STATE)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{file}: must hold a mapping of keys to values")
+    written = build(Written, data, lambda key: str(file))
+    try:
+        notes = decode(written.notes, None, {})
+        if not isinstance(notes, dict):
+            raise ValueError("notes: must be a mapping of keys to values")
+        form = snapshot.template(model, env, decode(written.state, None, {}))
+        arrays = read_arrays(checkpoint / ARRAYS, _size(form) + MOST_HEADERS)
+        state = decode(written.state, form, arrays)
+        snapshot.check(state, form)
+        kept = build(Notes, notes, lambda key: str(file))
+        snapshot.restore(state, model, env)
+    except ConfigError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{file}: is no checkpoint of this training: {str(error)[:200]}") from None
+    return kept
+
+
+def _size(value: Any) -> int:
+    """Return the bytes of all arrays in nested values."""
     if isinstance(value, np.ndarray):
-        name = f"a{len(arrays)}"
-        arrays[name] = value
-        return {"array": name}
-    if isinstance(value, np.random.Generator):
-        return {"generator": _encode(value.bit_generator.state, arrays)}
-    if isinstance(value, dict):
-        return {"items": {name: _encode(entry, arrays) for name, entry in value.items()}}
-    if isinstance(value, list | tuple):
-        return [_encode(entry, arrays) for entry in value]
-    return value.item() if isinstance(value, np.generic) else value
+        return value.nbytes
+    parts = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
+    return sum(map(_size, parts))
 
 
-def _decode(saved: Any, template: Any, arrays: Any) -> Any:
-    """Undo :func:`_encode`; tuples with names are those of the template."""
-    if isinstance(saved, list):
-        parts = template if isinstance(template, list | tuple) and len(template) == len(saved) else [None] * len(saved)
-        values = [_decode(entry, part, arrays) for entry, part in zip(saved, parts, strict=True)]
-        if hasattr(template, "_fields"):
-            return type(template)(*values)
-        return tuple(values) if isinstance(template, tuple) else values
-    if not isinstance(saved, dict):
-        return saved
-    if "array" in saved:
-        return arrays[saved["array"]]
-    if "generator" in saved:
-        state = _decode(saved["generator"], None, arrays)
-        generator = np.random.Generator(getattr(np.random, state["bit_generator"])())
-        generator.bit_generator.state = state
-        return generator
-    known = template if isinstance(template, dict) else {}
-    return {name: _decode(entry, known.get(name), arrays) for name, entry in saved["items"].items()}
+def _numbered(folder: Path) -> list[Path]:
+    """Return the folders that have a name of ours, the oldest first."""
+    return sorted(path for path in folder.glob("[0-9]*") if NAME.fullmatch(path.name) and path.is_dir())
 
 
-def _variables(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return trained numbers outside of networks and optimisers, such as SAC's entropy coefficient."""
-    names: Iterable[str] = model._get_torch_save_params()[1]
-    return {name: attrgetter(name)(model).data for name in names}
+def _is_ours(path: Path) -> bool:
+    """Say whether a folder holds a checkpoint of this program and nothing else."""
+    if not _holds_only_ours(path):
+        return False
+    try:
+        data = read_json(path / STATE, MOST_STATE)
+    except ConfigError:
+        return False
+    return isinstance(data, dict) and data.get("format") == FORMAT
 
 
-def _finished(folder: Path) -> list[Path]:
-    """Return the complete checkpoints, the oldest first."""
-    return sorted(path for path in folder.glob("[0-9]*") if path.is_dir())
+def _holds_only_ours(path: Path) -> bool:
+    """Say whether a folder, no link to one, holds nothing but files of the names that are written here."""
+    if path.is_symlink() or not path.is_dir():
+        return False
+    return all(file.name in (STATE, ARRAYS) and file.is_file() and not file.is_symlink() for file in path.iterdir())

@@ -3,44 +3,73 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import math
 import os
 from collections.abc import Sequence
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, field_validator
 
 from sffr_baselines.damping_env import DURATION
-from sffr_baselines.scheduled import AGENT_PERIOD, RHO
-from sffr_gym.config.sections import NonNegative, Positive, Section
-from sffr_gym.config.strict_yaml import ConfigError, Where, apply_overrides, build, find_config, read_mapping
+from sffr_baselines.learned import MOST_WEIGHTS
+from sffr_baselines.schedule import N_FEATURES
+from sffr_baselines.scheduled import Scheduling
+from sffr_gym.config.params import load_params
+from sffr_gym.config.ranges import MOST_ENVS, EpisodeLength, Share, at_most
+from sffr_gym.config.sections import Section
+from sffr_gym.config.strict_yaml import (
+    ConfigError,
+    Where,
+    apply_overrides,
+    build,
+    check_error,
+    find_config,
+    read_mapping,
+)
 
 SectionT = TypeVar("SectionT", bound=Section)
 
 VALIDATION_SEED = 900_000  # of the episodes that choose the best model; evaluation has its own
+MOST_STEPS = 10**10  # of a training: days of the fastest
+MOST_SAMPLES = 10**7  # kept for learning: about a GiB
+MOST_LAYERS = 16  # of a network
+QUANTILES = 25  # of each of TQC's critics
+
+Steps = Annotated[int, Field(ge=1, le=MOST_STEPS)]
+Width = Annotated[int, Field(ge=1, le=100_000)]
+Coefficient = Annotated[float, Field(ge=0.0, le=1.0e6)]  # weight of a term of the loss
+Entropy = Annotated[float, Field(ge=1.0e-9, le=1.0e6)]  # likewise, at the start of its adaptation
+Spread = Annotated[float, Field(ge=0.0, le=2.0)]  # of actions, which lie in [-1, 1]
 
 
-class Environment(Section):
+class Environment(Scheduling):
     """What the agent is trained in; see ``SFFRFlexDamping-v0``."""
 
     scenario: str = Field(default="excited", description="shipped scenario or file")
-    law: Literal["hsc", "ahsc"] = Field(default="ahsc", description="law that runs inside")
-    rho: float = Field(default=RHO, ge=1.0, description="largest factor of the damping [-]")
-    agent_period: Positive = Field(default=AGENT_PERIOD, description="time between two actions [s]")
-    duration: float | None = Field(default=DURATION, gt=0.0, description="length of an episode [s]; null: scenario's")
+    duration: EpisodeLength | None = Field(default=DURATION, description="length of an episode [s]; null: scenario's")
     random_phase: bool = Field(default=True, description="start anywhere on the circle")
-    base_tolerance: float | None = Field(
-        default=None, gt=0.0, description="error of the base at which an action counts half [m]; null: it never does"
-    )
     overrides: tuple[str, ...] = Field(default=(), description="assignments to parameters, such as panel.EI=25")
 
 
 class NetworkShape(Section):
     """Actor and critic."""
 
-    hidden: tuple[int, ...] = Field(default=(64, 64), min_length=1, description="widths of the hidden layers")
+    hidden: Annotated[tuple[Width, ...], at_most(MOST_LAYERS, "none that deep learns here")] = Field(
+        default=(64, 64), min_length=1, description="widths of the hidden layers"
+    )
     activation: Literal["tanh", "relu"] = Field(default="tanh", description="of the hidden layers")
     per_panel: bool = Field(default=True, description="one network serves each panel by itself")
+
+    @field_validator("hidden")
+    @classmethod
+    def _check_size(cls, hidden: tuple[int, ...]) -> tuple[int, ...]:
+        """Keep a network small enough to be learned, with its optimiser and critics, and read again as a policy."""
+        size, most = 8 * sum(map(math.prod, itertools.pairwise((N_FEATURES, *hidden, 1)))), MOST_WEIGHTS // 2
+        if size > most:
+            raise check_error(f"makes a network of {size / 1e6:.3g} MB, at most {most / 1e6:g}: take narrower layers")
+        return hidden
 
 
 class Validation(Section):
@@ -49,89 +78,89 @@ class Validation(Section):
     scenarios: tuple[str, ...] = Field(
         default=("excited", "nominal"), min_length=1, description="whose mean cost counts"
     )
-    episodes: int = Field(default=8, ge=1, description="of each scenario that draws something")
-    duration: float | None = Field(default=None, gt=0.0, description="length [s]; null: the scenario's")
-    every: int = Field(default=500_000, ge=1, description="steps between two comparisons")
+    episodes: int = Field(default=8, ge=1, le=1000, description="of each scenario that draws something")
+    duration: EpisodeLength | None = Field(default=None, description="length [s]; null: the scenario's")
+    every: Steps = Field(default=500_000, description="steps between two comparisons")
 
 
 class Checkpoints(Section):
     """What a killed training resumes from."""
 
-    every: int = Field(default=100_000, ge=1, description="steps between two checkpoints")
-    keep: int = Field(default=2, ge=1, description="how many of the last ones stay")
+    every: Steps = Field(default=100_000, description="steps between two checkpoints")
+    keep: int = Field(default=2, ge=1, le=1000, description="how many of the last ones stay")
 
 
 class AlgorithmSettings(Section):
     """What all algorithms share."""
 
-    learning_rate: Positive = Field(default=1.0e-3, description="at the start")
-    final_learning_rate: NonNegative = Field(default=1.0e-4, description="at the end, linearly")
-    gamma: float = Field(default=0.98, gt=0.0, le=1.0, description="discount of an action")
+    learning_rate: float = Field(default=1.0e-3, ge=1.0e-12, le=1.0, description="at the start")
+    final_learning_rate: float = Field(default=1.0e-4, ge=0.0, le=1.0, description="at the end, linearly")
+    gamma: Share = Field(default=0.98, description="discount of an action")
     energy_scaling: bool = Field(default=True, description="values per energy of the panels; see energy_scaling.py")
 
 
 class PPOSettings(AlgorithmSettings):
     """Arguments of Stable-Baselines3's PPO."""
 
-    n_steps: int = Field(default=64, ge=2, description="steps of each row between two updates")
-    batch_size: int = Field(default=1024, ge=2, description="samples of a gradient")
-    n_epochs: int = Field(default=6, ge=1, description="passes through the samples")
+    n_steps: int = Field(default=64, ge=2, le=MOST_SAMPLES, description="steps of each row between two updates")
+    batch_size: int = Field(default=1024, ge=2, le=MOST_SAMPLES, description="samples of a gradient")
+    n_epochs: int = Field(default=6, ge=1, le=1000, description="passes through the samples")
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0, description="of the advantages")
-    clip_range: Positive = Field(default=0.2, description="of the probability ratio")
-    ent_coef: NonNegative = Field(default=0.0, description="weight of the entropy")
-    vf_coef: NonNegative = Field(default=0.5, description="weight of the critic")
-    max_grad_norm: Positive = Field(default=0.5, description="of the gradient")
-    log_std_init: float = Field(default=-0.5, description="log of the actions' spread at the start")
+    clip_range: float = Field(default=0.2, ge=1.0e-6, le=10.0, description="of the probability ratio")
+    ent_coef: Coefficient = Field(default=0.0, description="weight of the entropy")
+    vf_coef: Coefficient = Field(default=0.5, description="weight of the critic")
+    max_grad_norm: float = Field(default=0.5, ge=1.0e-9, le=1.0e9, description="of the gradient")
+    log_std_init: float = Field(default=-0.5, ge=-20.0, le=2.0, description="log of the actions' spread at the start")
 
 
 class ReplaySettings(AlgorithmSettings):
     """What the algorithms with a replay buffer share."""
 
-    buffer_size: int = Field(default=1_000_000, ge=1, description="samples kept")
-    learning_starts: int = Field(default=10_000, ge=1, description="samples before the first gradient")
-    batch_size: int = Field(default=512, ge=2, description="samples of a gradient")
-    train_freq: int = Field(default=1, ge=1, description="steps of each row between two updates")
-    gradient_steps: int = Field(default=8, ge=1, description="gradients of an update")
+    buffer_size: int = Field(default=1_000_000, ge=1, le=MOST_SAMPLES, description="samples kept")
+    learning_starts: Steps = Field(default=10_000, description="samples before the first gradient")
+    batch_size: int = Field(default=512, ge=2, le=MOST_SAMPLES, description="samples of a gradient")
+    train_freq: int = Field(default=1, ge=1, le=100_000, description="steps of each row between two updates")
+    gradient_steps: int = Field(default=8, ge=1, le=100_000, description="gradients of an update")
 
 
 class SoftTargetSettings(ReplaySettings):
     """What the algorithms share whose target networks follow slowly."""
 
-    tau: float = Field(default=0.005, gt=0.0, le=1.0, description="how fast")
+    tau: Share = Field(default=0.005, description="how fast")
 
 
 class SACSettings(SoftTargetSettings):
     """Arguments of SAC."""
 
-    ent_coef: Positive = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
+    ent_coef: Entropy = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
 
 
 class TD3Settings(SoftTargetSettings):
     """Arguments of TD3."""
 
-    policy_delay: int = Field(default=2, ge=1, description="critic's gradients for one of the actor")
-    target_policy_noise: NonNegative = Field(default=0.2, description="spread of the target's actions")
-    action_noise: NonNegative = Field(default=0.2, description="spread of the actions while collecting")
+    policy_delay: int = Field(default=2, ge=1, le=1000, description="critic's gradients for one of the actor")
+    target_policy_noise: Spread = Field(default=0.2, description="spread of the target's actions")
+    action_noise: Spread = Field(default=0.2, description="spread of the actions while collecting")
 
 
 class TQCSettings(SACSettings):
     """Arguments of TQC."""
 
-    top_quantiles_to_drop_per_net: int = Field(default=2, ge=0, description="of each critic")
+    top_quantiles_to_drop_per_net: int = Field(default=2, ge=0, le=QUANTILES - 1, description="of each critic")
 
 
 class CrossQSettings(ReplaySettings):
     """Arguments of CrossQ."""
 
-    ent_coef: Positive = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
+    ent_coef: Entropy = Field(default=0.02, description="weight of the entropy at the start; it adapts itself")
 
 
 class TrainConfig(Section):
     """Everything about a training but its seed."""
 
     algo: str = Field(description="algorithm")
-    steps: int = Field(default=4_000_000, ge=1, description="actions in all; with per_panel each panel's counts")
-    n_envs: int = Field(default=64, ge=1, description="environments")
+    steps: Steps = Field(default=4_000_000, description="actions in all; with per_panel each panel's counts")
+    n_envs: int = Field(default=64, ge=1, le=MOST_ENVS, description="environments")
     environment: Environment = Environment()
     network: NetworkShape = NetworkShape()
     validation: Validation = Validation()
@@ -160,12 +189,12 @@ def load_config(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ConfigError: for a file, a key or a value that is not valid.
     """
     data, where = read_mapping(find_config(name, folder="train"))
-    return build_section(_model(data, where), data, where, overrides)
+    return _with_enough_samples(build_section(_model(data, where), data, where, overrides))
 
 
-def from_dict(data: dict[str, Any]) -> TrainConfig:
-    """Return the configuration that a run folder or a checkpoint keeps; raises ConfigError if it is not valid."""
-    return build(_model(data, lambda key: "run"), data, lambda key: "run")
+def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
+    """Return the configuration that a run folder keeps; raises ConfigError if it is not valid."""
+    return _with_enough_samples(build(_model(data, where), data, where))
 
 
 def build_section(model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]) -> SectionT:
@@ -174,9 +203,38 @@ def build_section(model: type[SectionT], data: dict[str, Any], where: Where, ove
     return build(model, *apply_overrides(section.model_dump(mode="json"), overrides)) if overrides else section
 
 
+def _with_enough_samples(config: TrainConfig) -> TrainConfig:
+    """Return the configuration if its updates have the samples that they take, and no more than there is memory for.
+
+    Raises:
+        ConfigError: if not, or for an override of the environment that is not valid.
+    """
+    learning = config.learning
+    panels = load_params().with_overrides(*config.environment.overrides).n_panels
+    if isinstance(learning, PPOSettings):
+        samples = learning.n_steps * config.n_envs * (panels if config.network.per_panel else 1)
+        each = f"learning.n_steps = {learning.n_steps} of n_envs = {config.n_envs}, of {panels} panels by per_panel"
+        if samples > MOST_SAMPLES:
+            raise ConfigError(
+                f"learning.n_steps = {learning.n_steps}: an update would take {samples:.2g} samples, at most "
+                f"{MOST_SAMPLES:.0e} ({each})"
+            )
+        if learning.batch_size > samples > 0:
+            raise ConfigError(
+                f"learning.batch_size = {learning.batch_size}: must be at most the {samples} samples of an update "
+                f"({each})"
+            )
+    elif isinstance(learning, ReplaySettings) and learning.learning_starts >= config.steps:
+        raise ConfigError(
+            f"learning.learning_starts = {learning.learning_starts}: must be less than steps = {config.steps}, or "
+            "nothing is learned"
+        )
+    return config
+
+
 def _model(data: dict[str, Any], where: Where) -> type[TrainConfig]:
     """Return the configuration's class; raises ConfigError for an unknown algorithm."""
     algo = data.get("algo")
-    if algo not in CONFIGS:
+    if not (isinstance(algo, str) and algo in CONFIGS):
         raise ConfigError(f"{where(('algo',))}: algo = {algo!r}: must be one of {', '.join(CONFIGS)}")
     return CONFIGS[algo]

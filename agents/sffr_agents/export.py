@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -9,18 +10,22 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import VecMonitor
 from torch import nn
 
 from sffr_agents.algorithms import make_model
 from sffr_agents.checkpoint import load_checkpoint
 from sffr_agents.config import TrainConfig
-from sffr_agents.folder import CHECKPOINTS, read_run
+from sffr_agents.folder import CHECKPOINTS, Tell, read_run
 from sffr_agents.sb3_vec_env import batch_of
+from sffr_agents.sb3_zip import MOST_ZIP, first_line, read_weights
 from sffr_agents.validation import hash_of_suite
 from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
 from sffr_gym.config.params import Params
+from sffr_gym.config.reading import read_bytes
 from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.config.template import conform
 from sffr_gym.types import Array
 
 
@@ -37,9 +42,11 @@ def network_of(model: Any) -> Network:
         model: a PPO, SAC, TD3, TQC or CrossQ model with an ``MlpPolicy`` of tanh or rectified layers.
 
     Raises:
-        ValueError: for a layer that has no counterpart.
+        ValueError: for a layer that has no counterpart, or features that are not the observation.
     """
     policy = model.policy
+    if not isinstance(extractor := getattr(policy, "actor", policy).features_extractor, FlattenExtractor):
+        raise ValueError(f"a policy with a {type(extractor).__name__} cannot be exported")
     if hasattr(policy, "mlp_extractor"):
         head = policy.action_net if isinstance(policy.action_net, nn.Sequential) else [policy.action_net]
         return _layers([*policy.mlp_extractor.policy_net, *head])
@@ -85,15 +92,20 @@ def _array(tensor: torch.Tensor) -> Array:
     return tensor.detach().cpu().numpy().astype(np.float64)
 
 
-def export_run(folder: Path, file: Path) -> None:
-    """Write the policy of a run's last checkpoint.
+def export_run(folder: Path, file: Path, tell: Tell = warnings.warn) -> None:
+    """Write the policy of a run's last checkpoint that is whole.
+
+    Args:
+        folder: of the run.
+        file: where the policy goes.
+        tell: called with a line for each checkpoint that is damaged.
 
     Raises:
-        ConfigError: if the folder holds no training or no checkpoint.
+        ConfigError: if the folder holds no training or no checkpoint, or all are damaged.
     """
     config, seed = read_run(folder)
     model, env = make_model(config, seed)
-    load_checkpoint(folder / CHECKPOINTS, model, env)
+    load_checkpoint(folder / CHECKPOINTS, model, env, tell)
     _write(model, env, config, file, seed=seed, steps=model.num_timesteps)
 
 
@@ -110,22 +122,39 @@ def export_zip(source: Path, config: TrainConfig, file: Path, trust: bool = Fals
         trust: unpickle it all, so that the configuration's networks need not be the zip's.
 
     Raises:
-        ConfigError: if the weights do not fit the configuration.
-        OSError: if it cannot be read.
+        ConfigError: if it cannot be read or is damaged, or the weights do not fit the configuration.
     """
-    model, env = make_model(config, seed=0)
-    try:
-        if trust:
+    if trust:
+        read_bytes(source, MOST_ZIP)  # whether it is there, and a file
+        model, env = make_model(config, seed=0)
+        try:
             model = type(model).load(source, env=env, device="cpu")
-        else:
-            model.set_parameters(str(source), device="cpu")
-    except (RuntimeError, ValueError, KeyError) as error:
-        raise ConfigError(f"{source}: does not fit the configuration: {error}") from None
-    _write(model, env, config, file, source=source.name)
+        except Exception as error:  # whatever its code raises
+            raise ConfigError(f"{source}: cannot be loaded by Stable-Baselines3: {first_line(error)}") from None
+    else:
+        weights = read_weights(source)
+        model, env = make_model(config, seed=0)
+        _put_weights(weights, model, source)
+    try:
+        _write(model, env, config, file, source=source.name)
+    except ValueError as error:
+        raise ConfigError(f"{source}: {first_line(error)}") from None
+
+
+def _put_weights(weights: dict[str, np.ndarray], model: BaseAlgorithm, source: Path) -> None:
+    """Give a model weights; raises ConfigError if they do not fit it."""
+    own = {name: tensor.numpy() for name, tensor in model.policy.state_dict().items()}
+    try:
+        conform(weights, own, "policy")
+    except ValueError as error:
+        raise ConfigError(f"{source}: does not fit the configuration: {first_line(error)}; see --algo") from None
+    model.policy.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
 
 
 def _write(model: BaseAlgorithm, env: VecMonitor, config: TrainConfig, file: Path, **more: Any) -> None:
     """Write the policy of a model, and where it comes from."""
     batch = batch_of(env)
     about = origin_of(config, batch.params, **more)
-    save_schedule(file, LearnedSchedule.of(network_of(model), batch, about))
+    schedule = LearnedSchedule.of(network_of(model), batch, about)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    save_schedule(file, schedule)

@@ -4,27 +4,54 @@ from __future__ import annotations
 
 import importlib.util
 import time
+import warnings
+from collections import deque
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from math import inf
+from math import isnan
 from pathlib import Path
 from typing import Any
 
+import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger
 
 from sffr_agents.algorithms import make_model
-from sffr_agents.checkpoint import load_checkpoint, save_checkpoint
-from sffr_agents.config import VALIDATION_SEED, TrainConfig
+from sffr_agents.checkpoint import (
+    WINDOW,
+    Notes,
+    holds_checkpoint,
+    load_checkpoint,
+    remove_unfinished,
+    save_checkpoint,
+)
+from sffr_agents.config import TrainConfig
 from sffr_agents.export import network_of, origin_of
-from sffr_agents.folder import BEST, CHECKPOINTS, LAST, PROGRESS, begin_run, finish_run, holds_run, read_run
-from sffr_agents.log import CsvLog
+from sffr_agents.folder import (
+    BEST,
+    CHECKPOINTS,
+    KIND,
+    LAST,
+    PROGRESS,
+    SECONDS,
+    TENSORBOARD,
+    Tell,
+    begin_run,
+    check_seed,
+    finish_run,
+    read_facts,
+    read_run,
+    writing,
+)
+from sffr_agents.log import Board, CsvLog, numbers
 from sffr_agents.sb3_vec_env import batch_of
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import LearnedSchedule, save_schedule
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.provenance import origin
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EpisodeRange
 
 PACKAGES = ("torch", "stable-baselines3", "sb3-contrib")  # whose versions a run keeps beside the usual ones
 
@@ -39,7 +66,7 @@ def train(
     Args:
         config: what to train.
         seed: of everything random; the same seed on the same machine gives the same weights.
-        out: run folder, which must not hold a run.
+        out: run folder, which must not hold anything but a training that was killed before it began.
         progress: called after every step and every comparison.
         command: the command line, for the manifest.
 
@@ -47,78 +74,118 @@ def train(
         The scores of the best policy; see :class:`validation.Validator`.
 
     Raises:
-        ConfigError: for a seed of evaluation or validation, a folder with a run, or a setting that is not valid.
+        ConfigError: for a seed of evaluation or validation, a folder with anything in it, one that another process
+            writes to or that cannot be written, a setting that is not valid, or weights that have diverged.
     """
-    largest = VALIDATION_SEED - config.n_envs
-    if not 0 <= seed <= largest:
-        raise ConfigError(
-            f"seed = {seed}: training takes 0 to {largest}; the seeds from {VALIDATION_SEED} up choose the best model, "
-            f"and those from {EVALUATION_SEED} up are for evaluation alone"
-        )
-    if holds_run(out):
-        raise ConfigError(f"{out}: holds a training; resume it with --resume, or choose another folder with --out")
-    training = _Training(config, seed, out, progress)
-    begin_run(out, config, seed, origin(command, datetime.now(UTC), 0.0, PACKAGES))
-    return training.run()
+    seed = check_arguments(EpisodeRange, seed=seed).seed
+    check_seed(config, seed)
+    with RunFolder.claim(out, KIND) as run, writing(out, lambda: "nothing has been trained yet"):
+        begin_run(run, config, seed, origin(command, datetime.now(UTC), 0.0, PACKAGES))
+        return _Training(config, seed, run, progress).run()
 
 
-def resume(out: Path, progress: TrainingProgress | None = None) -> dict[str, float]:
-    """Resume a training that was killed, from its last checkpoint; see :func:`train`.
+def resume(out: Path, progress: TrainingProgress | None = None, tell: Tell = warnings.warn) -> dict[str, float]:
+    """Resume a training that was killed, from its last checkpoint that is whole; see :func:`train`.
+
+    Args:
+        out: run folder.
+        progress: called after every step and every comparison.
+        tell: called with a line for each checkpoint that is damaged.
 
     Raises:
-        ConfigError: if the folder holds no training.
+        ConfigError: if the folder holds no training, or a damaged one.
     """
-    training = _Training(*read_run(out), out, progress)
-    training.restore()
-    return training.run()
+    config, seed = read_run(out)
+    with RunFolder.claim(out, KIND, resume=True) as run:
+        training = _Training(config, seed, run, progress)
+        training.restore(tell)
+        return training.run()
 
 
 class _Training(BaseCallback):
     """One training from where its algorithm stands: compares and saves between the rollouts.
 
     Attributes:
-        notes: what a checkpoint keeps of it: steps at the last comparison and checkpoint, scores, time [s].
+        notes: what the last checkpoint keeps of it, with what has happened since.
     """
 
-    def __init__(self, config: TrainConfig, seed: int, out: Path, progress: TrainingProgress | None) -> None:
+    def __init__(self, config: TrainConfig, seed: int, run: RunFolder, progress: TrainingProgress | None) -> None:
         super().__init__()
-        self._config, self._seed, self._out = config, seed, out
+        self._config, self._seed, self._run = config, seed, run
+        self._facts = read_facts(run)  # now: what is damaged must not come up at the end
+        self._checkpoints = run.place(CHECKPOINTS)
         self._algorithm, self._env = make_model(config, seed)
+        self._algorithm.set_logger(Logger(str(run.path), []))
         self._progress = progress or (lambda done, total, scores: None)
         self._batch = batch_of(self._env)
-        self.notes: dict[str, Any] = {"validated": 0, "saved": 0, "best": inf, "scores": {}, "elapsed": 0.0}
+        self.notes = Notes()
 
-    def restore(self) -> None:
-        """Go back to the last checkpoint; without one the training starts again."""
-        if any((self._out / CHECKPOINTS).glob("[0-9]*")):
-            self.notes = load_checkpoint(self._out / CHECKPOINTS, self._algorithm, self._env)
+    def restore(self, tell: Tell) -> None:
+        """Go back to the last checkpoint that is whole; without any the training starts again."""
+        remove_unfinished(self._checkpoints)
+        if not holds_checkpoint(self._checkpoints):
+            return
+        model = self._algorithm
+        self.notes = load_checkpoint(self._checkpoints, model, self._env, tell)
+        for name, value, excluded in self.notes.pending:
+            model.logger.record(name, value, excluded)
+        returns, lengths = self._env.episode_returns.dtype.type, self._env.episode_lengths.dtype.type
+        episodes = ({"r": returns(r), "l": lengths(length), "t": 0.0} for r, length in self.notes.episodes)
+        model.ep_info_buffer, model.ep_success_buffer = deque(episodes, maxlen=WINDOW), deque(maxlen=WINDOW)
 
     def run(self) -> dict[str, float]:
         """Train up to the configured number of steps, and return the scores of the best policy."""
+        left = self._config.steps - self._algorithm.num_timesteps
+        if left > 0 or not self.notes.scores:
+            if self._run.finished:  # but its last checkpoint is damaged
+                self._run.begin_again()
+            with writing(self._run.path, self._kept):
+                self._train(left)
+        if not self._run.finished:
+            finish_run(self._run, self._facts, self.notes.elapsed)
+        return dict(self.notes.best_scores)
+
+    def _train(self, left: int) -> None:
+        """Train for so many steps, compare and save; raises ConfigError if the weights diverge."""
         model = self._algorithm
         self._validate = Validator(self._config.validation, self._batch.params)
-        self._begun = time.perf_counter() - self.notes["elapsed"]
-        model.set_logger(self._make_logger(model.num_timesteps))
-        left = self._config.steps - model.num_timesteps
-        if left > 0:
-            model.learn(left, callback=self, reset_num_timesteps=False)
-        if left > 0 or not self.notes["scores"]:
+        self._begun = time.perf_counter() - self.notes.elapsed
+        model.logger.output_formats += self._outputs(model.num_timesteps)
+        try:
+            if left > 0:
+                model.learn(left, callback=self, reset_num_timesteps=False)
             self._compare()
             self._save()
-        model.logger.close()
-        finish_run(self._out, self.notes["elapsed"])
-        best: dict[str, float] = self.notes["best_scores"]
-        return best
+        except ValueError as error:
+            if not self._has_diverged(error):
+                raise
+            raise ConfigError(
+                f"{self._run.path}: the training has diverged after {model.num_timesteps:,} steps, its weights are not "
+                f"finite any more; lower learning.learning_rate; {self._kept()}"
+            ) from None
+        finally:
+            model.logger.close()
+
+    def _has_diverged(self, error: ValueError) -> bool:
+        """Say whether weights that are not finite are the reason of an error; torch finds them in distributions."""
+        weights = self._algorithm.policy.parameters()
+        return str(error).startswith("Expected parameter") or not all(torch.isfinite(each).all() for each in weights)
+
+    def _kept(self) -> str:
+        """Return what a failure leaves, in words."""
+        if self.notes.saved == 0:
+            return "no checkpoint has been written yet"
+        return f"the checkpoint after {self.notes.saved:,} steps is kept, from which --resume goes on"
 
     def _on_rollout_start(self) -> None:
         """Compare and save where it is due; the last update is done, the next rollout has not begun."""
-        if self._algorithm.num_timesteps - self.notes["validated"] >= self._config.validation.every:
+        if self._algorithm.num_timesteps - self.notes.validated >= self._config.validation.every:
             self._compare()
-        if self._algorithm.num_timesteps - self.notes["saved"] >= self._config.checkpoints.every:
+        if self._algorithm.num_timesteps - self.notes.saved >= self._config.checkpoints.every:
             self._save()
 
     def _on_step(self) -> bool:
-        self._progress(self.num_timesteps, self._config.steps, self.notes["scores"])
+        self._progress(self.num_timesteps, self._config.steps, self.notes.scores)
         return True
 
     def _compare(self) -> None:
@@ -127,26 +194,38 @@ class _Training(BaseCallback):
         about = origin_of(self._config, self._batch.params, seed=self._seed, steps=model.num_timesteps)
         schedule = LearnedSchedule.of(network_of(model), self._batch, about)
         scores = self._validate(schedule)
-        self.notes |= {"validated": model.num_timesteps, "scores": scores}
-        save_schedule(self._out / LAST, schedule)
-        if scores["cost"] < self.notes["best"]:
-            self.notes |= {"best": scores["cost"], "best_scores": scores}
-            save_schedule(self._out / BEST, schedule)
+        save_schedule(self._run.place(LAST), schedule)
+        best = self.notes.best_scores
+        if not best or scores["cost"] < best["cost"] or isnan(best["cost"]):
+            best = scores
+            save_schedule(self._run.place(BEST), schedule)
+        self.notes = self.notes.model_copy(
+            update={"validated": model.num_timesteps, "scores": scores, "best_scores": best}
+        )
         for name, value in scores.items():
             model.logger.record(f"score/{name}", value)
-        model.logger.record("time/seconds", time.perf_counter() - self._begun)
+        model.logger.record(SECONDS, time.perf_counter() - self._begun)
         model.logger.dump(model.num_timesteps)
         self._progress(model.num_timesteps, self._config.steps, scores)
 
     def _save(self) -> None:
         """Write a checkpoint."""
-        model = self._algorithm
-        self.notes |= {"saved": model.num_timesteps, "elapsed": time.perf_counter() - self._begun}
-        save_checkpoint(self._out / CHECKPOINTS, model, self._env, self.notes, self._config.checkpoints.keep)
+        model, logger = self._algorithm, self._algorithm.logger
+        waiting = numbers(logger.name_to_value)
+        notes = self.notes.model_copy(
+            update={
+                "saved": model.num_timesteps,
+                "elapsed": time.perf_counter() - self._begun,
+                "pending": tuple((name, value, logger.name_to_excluded[name]) for name, value in waiting.items()),
+                "episodes": tuple((float(each["r"]), int(each["l"])) for each in model.ep_info_buffer or ()),
+            }
+        )
+        save_checkpoint(self._checkpoints, model, self._env, notes, self._config.checkpoints.keep)
+        self.notes = notes
 
-    def _make_logger(self, steps: int) -> Logger:
-        """Return a logger to a CSV file, and to TensorBoard's if it is installed."""
-        outputs: list[KVWriter] = [CsvLog(self._out / PROGRESS, steps)]
+    def _outputs(self, steps: int) -> list[KVWriter]:
+        """Return the logger's outputs: a CSV file, and TensorBoard's if it is installed."""
+        outputs: list[KVWriter] = [CsvLog(self._run.place(PROGRESS), steps)]
         if importlib.util.find_spec("tensorboard"):
-            outputs.append(TensorBoardOutputFormat(str(self._out / "tensorboard")))
-        return Logger(str(self._out), outputs)
+            outputs.append(Board(self._run.place(TENSORBOARD), steps))
+        return outputs

@@ -5,41 +5,65 @@ from __future__ import annotations
 import csv
 import io
 import json
+import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
 import yaml
-from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend
-from optuna.trial import FrozenTrial, Trial, TrialState
+from optuna.trial import FrozenTrial
+from pydantic import Field
 
 from sffr_agents.config import TrainConfig
-from sffr_agents.folder import BEST, holds_run
+from sffr_agents.folder import BEST, Tell, first_difference, holds_run, read_run, writing
+from sffr_agents.study import Trials, locked, open_trials
 from sffr_agents.train import TrainingProgress, resume, train
-from sffr_agents.tune_config import Dimension, TuneConfig, Value
+from sffr_agents.tune_config import TuneConfig, Value
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
-from sffr_gym.config.files import to_json, write_whole
-from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.envs.single import resolve_params
+from sffr_gym.config.files import to_json
+from sffr_gym.config.reading import read_json
+from sffr_gym.config.run_folder import CARD, LOCK, RunFolder
+from sffr_gym.config.sections import Section
+from sffr_gym.config.strict_yaml import ConfigError, build
+from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.statistics import interquartile_mean
 from sffr_gym.types import Array
 
-PLAN, TRIALS, BEST_CONFIG, STUDY = "tune.json", "trials.csv", "best.yaml", "study.journal"
-DATABASES = (".db", ".sqlite", ".sqlite3")
+PLAN, TRIALS, BEST_CONFIG, STUDY, TRAININGS = "tune.json", "trials.csv", "best.yaml", "study.journal", "trainings"
+KIND = "search"  # of the run folder
+OWN = (PLAN, TRIALS, BEST_CONFIG, TRAININGS, CARD, LOCK)  # names in it that the file of trials cannot have
 
 TuningProgress = Callable[[str, int, int], Any]  # what runs, trainings done and in all
 
 
+class Search(Section):
+    """What ``tune.json`` says, which tells a search from others; more trials than before are welcome."""
+
+    seed: int = Field(ge=0, description="of the search itself")
+    plan: dict[str, Any] = Field(description="what is searched, but for the number of trials; see TuneConfig")
+
+    @classmethod
+    def of(cls, plan: TuneConfig, seed: int) -> dict[str, Any]:
+        """Return the plain values of a search; raises ConfigError for a seed that is not valid."""
+        values = {name: value for name, value in plan.model_dump(mode="json").items() if name != "trials"}
+        return build(cls, {"seed": seed, "plan": values}, lambda key: "search").model_dump(mode="json")
+
+
 def tune(
-    plan: TuneConfig, out: Path, storage: Path | None = None, seed: int = 0, progress: TuningProgress | None = None
+    plan: TuneConfig,
+    out: Path,
+    storage: Path | None = None,
+    seed: int = 0,
+    progress: TuningProgress | None = None,
+    tell: Tell = warnings.warn,
 ) -> FrozenTrial:
     """Run what is missing of a search; the same call resumes one that was killed, in the middle of a training too.
 
-    One process at a time may work on a search.
+    One process at a time may work on a search, and on a file of trials.
 
     Args:
         plan: what to search.
@@ -47,53 +71,76 @@ def tune(
         storage: file of the trials: an SQLite database if its suffix says so, else a journal; None for one in ``out``.
         seed: of the search itself.
         progress: called with what runs, the trainings done and all of them.
+        tell: called with a line for each checkpoint of a training that is damaged.
 
     Returns:
         The best trial.
 
     Raises:
-        ConfigError: if the folder holds another search.
+        ConfigError: if the folder or the file holds anything else, is damaged or cannot be written, or another process
+            writes to it.
     """
-    progress = progress or (lambda what, done, total: None)
+    search, progress = Search.of(plan, seed), progress or (lambda what, done, total: None)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    out.mkdir(parents=True, exist_ok=True)
-    _claim_folder(plan, out)
-    study = optuna.create_study(storage=_storage(storage or out / STUDY), study_name="sffr", load_if_exists=True)
-    _resume_trials(study, plan)
-    while (done := len(_finished(study))) < plan.trials:
-        study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))  # a trial depends on those before it
-        trial = study.ask()
-        values = {dimension.key: _suggest(trial, dimension) for dimension in plan.space}
+    if storage is not None and storage.absolute().parent == out.absolute() and storage.name in OWN:
+        raise ConfigError(f"{storage}: is the name of another file of the search; choose another --storage")
+    with RunFolder.claim(out, KIND, resume=True) as run, locked(storage) if storage else nullcontext():
+        _begin(run, search)
+        with open_trials(storage or run.place(STUDY), search, plan.space) as trials:
+            with writing(out, lambda: f"{len(trials.finished())} finished trials are kept; the same command goes on"):
+                _run_missing(run, plan, trials, seed, progress, tell)
+            return trials.best()
+
+
+def _begin(run: RunFolder, search: dict[str, Any]) -> None:
+    """Make the folder this search's; raises ConfigError if it holds another one."""
+    file = run.file(PLAN)
+    if file.exists():
+        data = read_json(file)
+        if not isinstance(data, dict):
+            raise ConfigError(f"{file}: must hold a mapping of keys to values")
+        held = build(Search, data, lambda key: str(file)).model_dump(mode="json")
+        if found := first_difference(held, search):
+            key, own, asked = found
+            raise ConfigError(
+                f"{run.path}: holds another search: {key} = {own!r}, not {asked!r}; choose another folder with --out"
+            )
+    run.own(TRIALS, BEST_CONFIG, STUDY, TRAININGS)
+    if not file.exists():
+        run.write(PLAN, to_json(search).encode())
+
+
+def _run_missing(
+    run: RunFolder, plan: TuneConfig, trials: Trials, seed: int, progress: TuningProgress, tell: Tell
+) -> None:
+    """Run the trials that are missing."""
+    while (done := len(trials.finished())) < plan.trials:
+        if run.finished:
+            run.begin_again()
+        values = trials.propose(_untuned_values(plan), seed)
         config = plan.training(values)
         costs = []
         for k in range(plan.seeds):
-            what = f"trial {done + 1} of {plan.trials}, seed {k}{_best_so_far(study)}"
+            what = f"trial {done + 1} of {plan.trials}, seed {k}{_best_so_far(trials)}"
             training = _training_progress(progress, what, done * plan.seeds + k, plan.trials * plan.seeds)
-            costs.append(_train_and_score(config, k, out, training))
-        study.tell(trial, float(interquartile_mean(np.concatenate(costs))))
-        _write_results(study, plan, out)
-    _write_results(study, plan, out)
-    return study.best_trial
+            costs.append(_train_and_score(config, k, run.path, training, tell))
+        trials.add(values, float(interquartile_mean(np.concatenate(costs))))
+        _write_results(run, trials, plan)
+    _write_results(run, trials, plan)
+    run.finish()
 
 
-def _train_and_score(config: TrainConfig, seed: int, out: Path, progress: TrainingProgress) -> Array:
+def _train_and_score(config: TrainConfig, seed: int, out: Path, progress: TrainingProgress, tell: Tell) -> Array:
     """Return the costs (episodes, scenarios) of the best policy of one training, which resumes where it was killed."""
-    folder = out / "trainings" / f"{config.hash()}-{seed}"
+    folder = out / TRAININGS / f"{config.hash()}-{seed}"
     if holds_run(folder):
-        resume(folder, progress)
+        if read_run(folder) != (config, seed):
+            raise ConfigError(f"{folder}: holds another training than its name says; move it away first")
+        resume(folder, progress, tell)
     else:
         train(config, seed, folder, progress)
     params = resolve_params(None, config.environment.overrides)
     return Validator(config.validation, params).episode_costs(load_schedule(folder / BEST))
-
-
-def _resume_trials(study: optuna.Study, plan: TuneConfig) -> None:
-    """Begin with the settings as they are; queue a trial again that died with its process."""
-    if not study.trials:
-        study.enqueue_trial(_untuned_values(plan))
-    for trial in study.get_trials(states=(TrialState.RUNNING,)):
-        study.tell(trial.number, state=TrialState.FAIL)
-        study.enqueue_trial(trial.params)
 
 
 def _untuned_values(plan: TuneConfig) -> dict[str, Value]:
@@ -112,46 +159,9 @@ def _untuned_values(plan: TuneConfig) -> dict[str, Value]:
     return values
 
 
-def _suggest(trial: Trial, dimension: Dimension) -> Value:
-    """Return a value of a setting for a trial."""
-    if dimension.choices is not None:
-        choice: Value = trial.suggest_categorical(dimension.key, dimension.choices)  # type: ignore[assignment]
-        return choice
-    low, high = dimension.low, dimension.high
-    assert low is not None and high is not None  # the model has checked it
-    if dimension.whole:
-        return trial.suggest_int(dimension.key, int(low), int(high), log=dimension.log)
-    return trial.suggest_float(dimension.key, low, high, log=dimension.log)
-
-
-def _storage(file: Path) -> BaseStorage:
-    """Return an SQLite database for the suffixes of one, else a journal."""
-    file.absolute().parent.mkdir(parents=True, exist_ok=True)
-    if file.suffix in DATABASES:
-        return RDBStorage(f"sqlite:///{file.absolute()}")
-    return JournalStorage(JournalFileBackend(str(file)))
-
-
-def _claim_folder(plan: TuneConfig, out: Path) -> None:
-    """Make the folder this search's; more trials than before are welcome.
-
-    Raises:
-        ConfigError: if it holds another one.
-    """
-    file, values = out / PLAN, {name: value for name, value in plan.model_dump(mode="json").items() if name != "trials"}
-    if file.exists() and json.loads(file.read_text(encoding="utf-8")) != values:
-        raise ConfigError(f"{out}: holds another search; choose another folder with --out")
-    write_whole(file, to_json(values).encode())
-
-
-def _finished(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that have a cost."""
-    return study.get_trials(states=(TrialState.COMPLETE,))
-
-
-def _best_so_far(study: optuna.Study) -> str:
+def _best_so_far(trials: Trials) -> str:
     """Return the lowest cost as text, empty if there is none."""
-    return f", best cost {study.best_value:.3f}" if _finished(study) else ""
+    return f", best cost {trials.best().values[0]:.3f}" if trials.finished() else ""
 
 
 def _training_progress(progress: TuningProgress, what: str, done: int, total: int) -> TrainingProgress:
@@ -159,15 +169,16 @@ def _training_progress(progress: TuningProgress, what: str, done: int, total: in
     return lambda steps, all_steps, scores: progress(f"{what}, {100.0 * steps / all_steps:.0f} %", done, total)
 
 
-def _write_results(study: optuna.Study, plan: TuneConfig, out: Path) -> None:
+def _write_results(run: RunFolder, trials: Trials, plan: TuneConfig) -> None:
     """Write all finished trials, the best first, and the configuration of the best one."""
     keys = [dimension.key for dimension in plan.space]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["trial", "cost", *keys])
-    for trial in sorted(_finished(study), key=lambda trial: trial.values[0]):
+    for trial in sorted(trials.finished(), key=lambda trial: float(trial.values[0])):
         table.writerow([trial.number, trial.values[0], *(trial.params[key] for key in keys)])
-    write_whole(out / TRIALS, text.getvalue().encode())
-    best = plan.training(study.best_trial.params).model_dump(mode="json")
-    about = f"# Trial {study.best_trial.number} of sffr tune: cost {study.best_value:.4f} over {plan.seeds} seeds.\n"
-    write_whole(out / BEST_CONFIG, (about + yaml.safe_dump(best, sort_keys=False)).encode())
+    best = trials.best()
+    config = plan.training(best.params).model_dump(mode="json")
+    about = f"# Trial {best.number} of sffr tune: cost {best.values[0]:.4f} over {plan.seeds} seeds.\n"
+    run.write(TRIALS, text.getvalue().encode())
+    run.write(BEST_CONFIG, (about + yaml.safe_dump(config, sort_keys=False)).encode())

@@ -54,8 +54,8 @@ class TuneConfig(Section):
 
     train: str = Field(description="configuration that is tuned: a shipped name or a file")
     set: tuple[str, ...] = Field(default=(), description="assignments that all trials share, such as steps=800000")
-    seeds: int = Field(default=3, ge=1, description="trainings of each trial, with the seeds from 0 up")
-    trials: int = Field(default=30, ge=1, description="trials in all")
+    seeds: int = Field(default=3, ge=1, le=1000, description="trainings of each trial, with the seeds from 0 up")
+    trials: int = Field(default=30, ge=1, le=100_000, description="trials in all")
     space: tuple[Dimension, ...] = Field(min_length=1, description="settings that are searched")
 
     def training(self, values: dict[str, Value]) -> TrainConfig:

@@ -31,10 +31,9 @@ class Validator:
         self._envs: dict[str, SFFRFlexEnv] = {}
         self._seeds: dict[str, list[int]] = {}
         for scenario in suite(settings):
-            env = SFFRFlexEnv(params=params)
-            env.scenario = scenario
-            _, info = env.reset(seed=VALIDATION_SEED)
-            count = settings.episodes if info["drawn"] else 1
+            env = SFFRFlexEnv(scenario, params)
+            env.reset(seed=VALIDATION_SEED)
+            count = settings.episodes if env.episode.drawn else 1
             self._envs[scenario.name] = env
             self._seeds[scenario.name] = [VALIDATION_SEED + i for i in range(count)]
         policy = make_policy(REFERENCE, params)

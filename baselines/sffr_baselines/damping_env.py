@@ -2,32 +2,73 @@
 
 from __future__ import annotations
 
-import copy
-import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
+from numpy.typing import DTypeLike
 
 from sffr_baselines.closed_loop import Law
-from sffr_baselines.damping_loop import damping_memory, make_damping, start_damping, step_damping
+from sffr_baselines.damping_loop import Damping, damping_memory, make_damping, start_damping, step_damping
 from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
+from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
+from sffr_gym.envs.base import RobotEnvironment
+from sffr_gym.envs.infos import Infos, Mask
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
-from sffr_gym.envs.single import ONE, ParamsLike, SFFRFlexEnv
-from sffr_gym.envs.vector import Mask, SFFRFlexVectorEnv
+from sffr_gym.envs.single import ONE, SFFRFlexEnv
+from sffr_gym.envs.state import MOST_TICKS, check_finite, check_range
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.scenario import Scenario
 from sffr_gym.types import Array
 
 DURATION = 30.0  # of an episode [s]
+_LAW = dict.fromkeys(
+    ("law", "law_name", "obs_names", "action_names"), "make another environment with `law`, `rho` or `agent_period`"
+)
 
 
-class SFFRFlexDampingEnv(SFFRFlexEnv):
+class DampingEnvironment(RobotEnvironment):
+    """What the single and the vector environment with a law inside have in common: the law, and its part of a state."""
+
+    SETTLED = {**RobotEnvironment.SETTLED, **_LAW, "damping": "an action changes it"}
+    _SAME = ("params", "law")
+
+    law: Law  #: the law inside
+    law_name: str  #: ``hsc`` or ``ahsc``
+    _damping: Damping
+    _duration: float | None
+    _random_phase: bool
+
+    def _distribution(self, scenario: Scenario) -> Scenario:
+        return training_scenario(scenario, self._duration, self._random_phase)
+
+    def _kept(self) -> dict[str, Any]:
+        schedule = self.law.schedule
+        law = f"{self.law_name}, rho {schedule.rho!r}, hold {schedule.hold}, tolerance {schedule.tolerance!r}"
+        return super()._kept() | {"law": law, "damping": self._damping}
+
+    def _check(self, kept: dict[str, Any]) -> Any:
+        damping, bound = kept["damping"], np.tile(BOUNDS, len(self.law.allocation))
+        check_finite(damping, "state.damping")
+        for values, low, high, name in (
+            (damping.B_hat, 0.0, np.inf, "B_hat"), (damping.factor, 0.0, np.inf, "factor"),
+            (damping.features, -bound, bound, "features"), (damping.end, 0, MOST_TICKS, "end"),
+        ):  # fmt: skip
+            check_range(values, low, high, f"state.damping.{name}")
+        return super()._check(kept)
+
+    def _put(self, kept: dict[str, Any], checked: Any) -> None:
+        self._damping = kept["damping"]  # first, since pictures show it
+        super()._put(kept, checked)
+
+
+class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
     """The task of ``SFFRFlex-v0`` with a controller inside: an agent chooses how strongly it damps the panels.
 
     ## Description
@@ -44,10 +85,10 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     | 2, 3 | right panel, the same |
 
     ## Observation space
-    ``Box(float32)``, panel by panel in its own axes, scaled by constants (``env.unwrapped.obs_names``). The two bending
-    modes of the law's panel are taken about the quasi-static shape, as coordinates whose squares are energies; ``E`` is
-    their sum, a panel's vibration energy as the controller sees it. The positive side of a panel is the one to which
-    the path's acceleration points: mirror images are the same.
+    ``Box(float32)`` (or float64, see ``dtype``), panel by panel in its own axes, scaled by constants
+    (``env.unwrapped.obs_names``). The two bending modes of the law's panel are taken about the quasi-static shape, as
+    coordinates whose squares are energies; ``E`` is their sum, a panel's vibration energy as the controller sees it.
+    The positive side of a panel is the one to which the path's acceleration points: mirror images are the same.
 
     | index | of the left panel (the right one's follow) | range |
     |---|---|---|
@@ -67,10 +108,10 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     Drawn from the scenario, anywhere on the circle with ``random_phase``.
 
     ## Episode end
-    As in ``SFFRFlex-v0``; truncates after ``duration``.
+    As in ``SFFRFlex-v0``; truncates after ``duration``. After that nothing moves, and the reward is 0.
 
     ## Arguments
-    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``render_every``: as in ``SFFRFlex-v0``.
+    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``, ``render_every``: as in ``SFFRFlex-v0``.
     - ``law``: ``hsc`` or ``ahsc``.
     - ``rho``: largest factor; 1/rho is the smallest.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
@@ -85,9 +126,9 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
 
     def __init__(
         self,
-        scenario: str | os.PathLike[str] = "excited",
+        scenario: ScenarioLike = "excited",
         params: ParamsLike = None,
-        overrides: tuple[str, ...] | list[str] = (),
+        overrides: Sequence[str] = (),
         render_mode: str | None = None,
         law: str = "ahsc",
         rho: float = RHO,
@@ -95,6 +136,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
@@ -103,32 +145,21 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
             ConfigError: for parameters, a scenario or an argument that are not valid, or a damping that the sampled
                 loop cannot run.
         """
-        super().__init__(scenario, params, overrides, render_mode, render_every)
+        self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
+        super().__init__(scenario, params, overrides, render_mode, render_every=render_every)
         self._renderer = make_renderer(self.prior_task, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
-        self.action_space, self.observation_space = damping_spaces(self.law)
-        self._duration, self._random_phase = duration, random_phase
+        self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
+        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
 
     @property
     def damping(self) -> Array:
         """Return the virtual damping that acts now (panels, 3) [N s/m, N s/m, N m s/rad]."""
         return self._damping.factor[0] * self._damping.B_hat[0]
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that the future depends on, which :meth:`set_state` restores bit for bit."""
-        return super().get_state() | {"damping": copy.deepcopy(self._damping)}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        self._damping = copy.deepcopy(state["damping"])  # first, since pictures show it
-        super().set_state(state)
-
-    def _distribution(self) -> Scenario:
-        return training_scenario(self.scenario, self._duration, self._random_phase)
 
     def _start(self, episode: Episode) -> None:
         super()._start(episode)
@@ -137,8 +168,8 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
     def _advance(self, actions: Array) -> None:
         step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, ONE)
 
-    def _observed(self) -> Array:
-        return self._damping.features[0].astype(np.float32)
+    def _observed(self) -> np.ndarray:
+        return self._damping.features[0].astype(self.observation_space.dtype)
 
     def _acting(self) -> Array:
         return self.damping[None, :, TRANSVERSE]
@@ -147,7 +178,7 @@ class SFFRFlexDampingEnv(SFFRFlexEnv):
         return super()._info() | {"damping": self.damping}
 
 
-class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
+class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
     """Many independent ``SFFRFlexDamping-v0`` environments, advanced by one compiled call for each action.
 
     Spaces, reward and episode as in :class:`SFFRFlexDampingEnv`; seeds, autoreset and infos as in
@@ -158,20 +189,24 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
 
     Args:
         num_envs: number of environments.
-        max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over.
+        max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over; None or -1 for no
+            limit beside that.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance,
+        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance, dtype,
             render_every: as for the single one.
     """
+
+    OF_ALL: ClassVar[tuple[str, ...]] = (*SFFRFlexVectorEnv.OF_ALL, *_LAW)
+    OF_EACH: ClassVar[tuple[str, ...]] = ("damping",)
 
     def __init__(
         self,
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
-        scenario: str | os.PathLike[str] = "excited",
+        scenario: ScenarioLike = "excited",
         params: ParamsLike = None,
-        overrides: tuple[str, ...] | list[str] = (),
+        overrides: Sequence[str] = (),
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         law: str = "ahsc",
@@ -180,9 +215,11 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
+        self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
             render_every=render_every, autoreset_mode=autoreset_mode,
@@ -192,11 +229,12 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
-        self.single_action_space, self.single_observation_space = damping_spaces(self.law)
+        self.single_action_space, self.single_observation_space = damping_spaces(self.law, dtype=dtype)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._max_steps = None if max_episode_steps is None else max_episode_steps * self.law.schedule.hold
-        self._duration, self._random_phase = duration, random_phase
+        actions = step_limit(max_episode_steps)
+        self._max_steps = None if actions is None else actions * self.law.schedule.hold
+        self._distribution(self.scenario).ticks(self.params)  # raises for a duration that is none, or has no end
         self._damping = make_damping(self.law, num_envs)
         self._memory = damping_memory(self.prior_task, self.law, num_envs)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
@@ -206,18 +244,6 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         """Return the virtual damping that acts now (n, panels, 3) [N s/m, N s/m, N m s/rad]."""
         return self._damping.factor * self._damping.B_hat
 
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that the future depends on, which :meth:`set_state` restores bit for bit."""
-        return super().get_state() | {"damping": copy.deepcopy(self._damping)}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        self._damping = copy.deepcopy(state["damping"])  # first, since pictures show it
-        super().set_state(state)
-
-    def _distribution(self) -> Scenario:
-        return training_scenario(self.scenario, self._duration, self._random_phase)
-
     def _start(self, i: int, episode: Episode) -> None:
         super()._start(i, episode)
         start_damping(self.law, self._batch, self._damping, i, episode.ticks)
@@ -226,25 +252,31 @@ class SFFRFlexDampingVectorEnv(SFFRFlexVectorEnv):
         step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, active)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()
 
-    def _observed(self) -> Array:
-        return self._damping.features.astype(np.float32)
+    def _observed(self) -> np.ndarray:
+        return self._damping.features.astype(self.observation_space.dtype)
 
     def _acting(self) -> Array:
         return self.damping[:, :, TRANSVERSE]
 
-    def _infos(self, mask: Mask) -> dict[str, Any]:
+    def _infos(self, mask: Mask) -> Infos:
         return super()._infos(mask) | {"damping": self.damping, "_damping": mask.copy()}
 
 
 def training_scenario(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:
-    """Return the scenario with the length [s] and the start of an agent's episodes."""
+    """Return the scenario with the length [s] and the start of an agent's episodes; raises ConfigError."""
     length = scenario.duration if duration is None else duration
-    return scenario.model_copy(update={"random_phase": random_phase or scenario.random_phase, "duration": length})
+    return scenario.with_changes(random_phase=random_phase or scenario.random_phase, duration=length)
 
 
-def damping_spaces(law: Law, panels: int | None = None) -> tuple[gym.spaces.Box, gym.spaces.Box]:
-    """Return action and observation space of one environment, or of so many of its panels."""
-    n_p = panels or len(law.allocation)
-    bound = np.tile(BOUNDS, n_p).astype(np.float32)
+def damping_spaces(
+    law: Law, panels: int | None = None, dtype: DTypeLike = "float32"
+) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """Return action and observation space of one environment, or of so many of its panels.
+
+    Raises:
+        ValueError: for an unknown type of observations.
+    """
+    n_p, kind = panels or len(law.allocation), observation_type(dtype)
+    bound = np.tile(BOUNDS, n_p).astype(kind)
     n_a = n_p * int(law.suppression.damped.sum())
-    return gym.spaces.Box(-1.0, 1.0, (n_a,), np.float32), gym.spaces.Box(-bound, bound, dtype=np.float32)
+    return gym.spaces.Box(-1.0, 1.0, (n_a,), np.float32), gym.spaces.Box(-bound, bound, dtype=kind.type)

@@ -26,7 +26,7 @@ from sffr_gym.envs.batch import (
     sense_lane,
     store,
 )
-from sffr_gym.envs.fleet import Fleet, plant_at
+from sffr_gym.envs.fleet import Fleet, plant_at, roomiest
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.control_period import PeriodWork, period_shapes
@@ -78,8 +78,8 @@ def decision_shapes(task, law):
 
 
 def damping_memory(task: TaskModel, law: Law, n: int) -> Memory:
-    """Allocate the memory of :func:`step_damping` for ``n`` environments."""
-    return make_memory(decision_shapes(task, law), n)
+    """Allocate the memory of :func:`step_damping` for ``n`` environments; see :func:`batch.batch_memory`."""
+    return make_memory(decision_shapes(roomiest(task), law), n)
 
 
 def make_damping(law: Law, n: int) -> Damping:
@@ -131,12 +131,18 @@ def damping_range(fleet, batch, law, damping, actions, active, block, plain, fir
     block: memory of a group; its kind decides how many environments are advanced at once.
     plain: memory of a single environment; the same block if that is what a group is.
     """
+    alike = last - first if len(fleet.numbers) == 1 else 1  # how many environments' plants have one structure
+    for i in range(first, last, max(alike, 1)):
+        damp_alike(fleet, batch, law, damping, actions, active, block, plain, i, i + alike)
+
+
+@kernel(inline=True)
+def damp_alike(fleet, batch, law, damping, actions, active, block, plain, first, last):
+    """Advance environments as :func:`damping_range` does, with the plant of the first."""
     task = plant_at(fleet, first)
     work, one = workspace(block, decision_shapes(task, law)), workspace(plain, period_shapes(task))
     group, decision, width = work.group, work.decision, columns(work.group.t).shape[1]
     for i in range(first, last, width):
-        if len(fleet.numbers) > 1:
-            task = plant_at(fleet, i)
         load(batch, i, group)
         _begin_decision(law, batch, damping, actions, active, i, decision)
         for _ in range(law.schedule.hold):
@@ -180,6 +186,8 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
         goes_on = active[i + k] and batch.tick[i + k] < damping.end[i + k]
         running[0, k] = 1.0 if goes_on else 0.0
         if active[i + k]:
+            batch.reward[i + k] = batch.cost[i + k] = 0.0  # stays so after the end of the episode
+            batch.terms[i + k, :] = damping.reward[i + k, :] = 0.0
             batch.clipped[i + k] = clipped(actions[i + k])
             apply_decision(law, batch.obs[i + k], actions[i + k], damping.factor[i + k])
     for panel in range(len(decision.factor)):

@@ -6,26 +6,30 @@ import hashlib
 import io
 import json
 import os
-import zipfile
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
 from sffr_baselines.laws import LawPolicy
 from sffr_baselines.scheduled import action_names, observation_names, scheduled_law
 from sffr_gym.config.files import write_whole
 from sffr_gym.config.params import Params
-from sffr_gym.config.strict_yaml import ConfigError, config_dir
+from sffr_gym.config.reading import parse_json, read_arrays, read_bytes
+from sffr_gym.config.sections import Section
+from sffr_gym.config.strict_yaml import ConfigError, build, config_dir
 from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.types import Array
 
 FORMAT = "sffr-policy-1"
 SUFFIX = ".npz"
+ABOUT = "about"  # name of the text within a file
+MOST_WEIGHTS = 32_000_000  # bytes of a file's arrays: 4 million weights, of which a control period has no time for more
 
 DampingEnv = SFFRFlexDampingEnv | SFFRFlexDampingVectorEnv
 
@@ -158,7 +162,7 @@ def save_schedule(file: str | os.PathLike[str], schedule: LearnedSchedule) -> No
     arrays = {f"matrix{k}": matrix for k, matrix in enumerate(network.matrices)}
     arrays |= {f"bias{k}": bias for k, bias in enumerate(network.biases)}
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    np.savez(content, allow_pickle=False, **{ABOUT: np.array(json.dumps(about))}, **arrays)
     write_whole(Path(file), content.getvalue())
 
 
@@ -169,8 +173,8 @@ def load_schedule(name: str | os.PathLike[str]) -> LearnedSchedule:
         name: of a policy that comes with the package, or the path of an ``.npz`` file.
 
     Raises:
-        ConfigError: for an unknown name (with the nearest one), or a file that is not a policy of this format.
-        OSError: if the file cannot be read.
+        ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is not a policy of
+            this format.
     """
     file = policy_file(name)
     if file is None:
@@ -179,26 +183,50 @@ def load_schedule(name: str | os.PathLike[str]) -> LearnedSchedule:
             f"{name}: is neither a shipped learned policy nor an {SUFFIX} file{did_you_mean(str(name), shipped)} "
             f"(shipped: {', '.join(shipped)})"
         )
+    arrays = read_arrays(file, MOST_WEIGHTS)
     try:
-        with np.load(file, allow_pickle=False) as data:
-            arrays = {name: data[name] for name in data.files}
-        about = json.loads(str(arrays.pop("about")))
-        if about["format"] != FORMAT:
-            raise ConfigError(f"has the format {about['format']!r}, not {FORMAT!r}")
-        count = len(arrays) // 2
-        network = Network(
-            tuple(arrays[f"matrix{k}"].astype(np.float64) for k in range(count)),
-            tuple(arrays[f"bias{k}"].astype(np.float64) for k in range(count)),
-            bool(about["relu"]), bool(about["squash"]),
-        )  # fmt: skip
-        tolerance = about["base_tolerance"]
-        return LearnedSchedule(
-            network, about["law"], float(about["rho"]), float(about["agent_period"]),
-            None if tolerance is None else float(tolerance), tuple(about["obs_names"]),
-            tuple(about["action_names"]), tuple(map(float, about["scaling"])), about["trained"],  # type: ignore[arg-type]
-        )  # fmt: skip
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError(f"{file}: is not a policy that sffr train or sffr export wrote: {error}") from None
+        return _schedule_of(arrays)
+    except ConfigError as error:
+        reasons = str(error).splitlines()
+        raise ConfigError("\n".join(f"{file}: is not a policy of {FORMAT}: {reason}" for reason in reasons)) from None
+
+
+class About(Section):
+    """What a policy's file says of the policy."""
+
+    format: Literal["sffr-policy-1"] = Field(description="of the file")
+    law: str = Field(description="that runs inside")
+    rho: float = Field(description="largest factor of the damping [-]")
+    agent_period: float = Field(description="time between two actions [s]")
+    base_tolerance: float | None = Field(description="error of the base at which an action counts half [m]")
+    obs_names: tuple[str, ...] = Field(description="of the environment")
+    action_names: tuple[str, ...] = Field(description="of the environment")
+    scaling: tuple[float, float, float] = Field(description="of the observation [J, m/s2, m/s3]")
+    relu: bool = Field(description="whether hidden layers are rectified")
+    squash: bool = Field(description="whether the output goes through tanh")
+    trained: dict[str, Any] = Field(description="where it comes from")
+
+
+def _schedule_of(arrays: dict[str, np.ndarray]) -> LearnedSchedule:
+    """Return the schedule that a file's arrays describe; raises ConfigError if they describe none."""
+    names = set(arrays)
+    count = (len(names) - 1) // 2
+    if names != {ABOUT, *(f"{kind}{k}" for kind in ("matrix", "bias") for k in range(count))}:
+        raise ConfigError(f"holds {', '.join(sorted(names)[:5])}, not {ABOUT}, and matrix and bias of each layer")
+    if arrays[ABOUT].shape != () or arrays[ABOUT].dtype.kind != "U":
+        raise ConfigError(f"{ABOUT} must be a text")
+    about = build(About, parse_json(str(arrays.pop(ABOUT)), ABOUT), lambda key: ABOUT)
+    if texts := [name for name, values in arrays.items() if values.dtype.kind == "U"]:
+        raise ConfigError(f"{texts[0]} must hold numbers")
+    network = Network(
+        tuple(arrays[f"matrix{k}"].astype(np.float64) for k in range(count)),
+        tuple(arrays[f"bias{k}"].astype(np.float64) for k in range(count)),
+        about.relu, about.squash,
+    )  # fmt: skip
+    return LearnedSchedule(
+        network, about.law, about.rho, about.agent_period, about.base_tolerance, about.obs_names, about.action_names,
+        about.scaling, about.trained,
+    )  # fmt: skip
 
 
 def shipped_policies() -> dict[str, Path]:
@@ -214,4 +242,4 @@ def policy_file(name: str | os.PathLike[str]) -> Path | None:
 
 def file_hash(file: Path) -> str:
     """Return the first 16 hexadecimal digits of the SHA-256 of a file."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    return hashlib.sha256(read_bytes(file, MOST_WEIGHTS)).hexdigest()[:16]

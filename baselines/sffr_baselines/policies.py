@@ -79,8 +79,8 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
         env: environment, single or vector, or ``Params``: what the controller believes of the robot.
 
     Raises:
-        ConfigError: for an unknown name (with the nearest one), or a file that is no policy for this robot.
-        OSError: for a file that cannot be read.
+        ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is no policy for this
+            robot.
 
     Warns:
         UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.
@@ -100,18 +100,16 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
 
 
 def policy_title(name: str) -> str:
-    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``.
-
-    What is no text, in a file's name of another encoding, is "?".
-    """
-    title = "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
-    return title.encode("utf-8", "replace").decode()
+    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``."""
+    return "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
 
 
 def check_titles(names: Sequence[str]) -> None:
-    """Make sure that tables can tell the policies apart; raises ConfigError."""
+    """Make sure that tables can show the policies and tell them apart; raises ConfigError."""
     titles = [policy_title(name) for name in names]
     for name, title in zip(names, titles, strict=True):
+        if not title.isprintable():
+            raise ConfigError(f"policy {name!r}: its name must be text on one line; rename its file or folder")
         if names.count(name) > 1:
             raise ConfigError(f"policy {name!r} is given twice")
         if titles.count(title) > 1:

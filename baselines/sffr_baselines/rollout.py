@@ -12,6 +12,7 @@ from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
 from sffr_baselines.laws import LawPolicy, OraclePolicy
 from sffr_baselines.policies import Policy
 from sffr_gym.compile.workspace import allocate, new_workspace
+from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.task.control_period import observe_state, period_shapes
@@ -27,6 +28,7 @@ from sffr_gym.types import Array
 
 STRIDE = 25  # control periods between recorded states: 50 ms at the default period
 PIECE = 2000  # control periods between two reports of progress
+LARGEST_RECORD = 2.0  # GiB that an episode may leave: half a day of the case study
 
 Progress = Callable[[int], Any]
 
@@ -72,12 +74,16 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
         policy: any policy.
         seed: of the episode; the same seed gives the same episode to every policy.
         progress: called with the number of control periods done since its last call.
+
+    Raises:
+        ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then.
     """
     obs, _ = env.reset(seed=seed)
     policy.reset(seed=seed)
     if isinstance(policy, OraclePolicy):
         policy.set_plant(env.plant)
     ticks = env.ticks
+    _check_memory(env, ticks)
     record = make_record(env.plant_task, ticks, STRIDE)
     report = progress or (lambda _: None)
     if isinstance(policy, LawPolicy):
@@ -111,11 +117,24 @@ def result_of(trajectory: Trajectory) -> Result:
     )
 
 
+def _check_memory(env: SFFRFlexEnv, ticks: int) -> None:
+    """Raise ConfigError if the record of so many control periods is too large."""
+    row = make_record(env.plant_task, STRIDE, STRIDE)
+    needed = ticks / STRIDE * sum(np.asarray(array).nbytes for array in row) / 2**30
+    if needed > LARGEST_RECORD:
+        raise ConfigError(
+            f"{env.scenario.name}: duration: an episode of {ticks * env.plant_task.period:.3g} s, {ticks:.1g} control "
+            f"periods, would take {needed:.3g} GiB of memory, at most {LARGEST_RECORD:g}: give the scenario a shorter "
+            "duration, or lengthen control.period"
+        )
+
+
 def _run_compiled(
     env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
 ) -> tuple[int, str]:
     """Run the compiled closed loop, in pieces so that progress can be shown."""
-    p, v, obs, B_hat, episode = env.positions, env.velocities, obs.copy(), policy.initial_damping(), env.episode
+    p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
+    B_hat, episode = policy.initial_damping(), env.episode
     factor = np.ones_like(B_hat)
     block = allocate(loop_shapes(env.plant_task, policy.law))[0]
     done, outcome = 0, RUNNING
@@ -149,5 +168,5 @@ def _run_stepwise(
         if (tick + 1) % PIECE == 0:
             progress(PIECE)
         if terminated:
-            return tick + 1, info["failure"]
+            return tick + 1, str(info["failure"])
     return ticks, ""

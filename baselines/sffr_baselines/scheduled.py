@@ -4,19 +4,37 @@ from __future__ import annotations
 
 from itertools import product
 from math import inf
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from sffr_baselines.closed_loop import Law
 from sffr_baselines.laws import make_law
 from sffr_baselines.schedule import FEATURES
 from sffr_baselines.stability import MARGIN, sampled_growth
 from sffr_baselines.suppression import COORDINATES
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import ConfigError
 
-LAWS = ("hsc", "ahsc")
 RHO, AGENT_PERIOD = 10.0, 0.1  # largest factor of the damping [-], time between two actions [s]
+
+
+class Scheduling(Section):
+    """What an agent may do with the damping of a law.
+
+    Three decades of damping either way leave nothing of it or lock a panel; a swing of a panel takes ten seconds.
+    """
+
+    law: Literal["hsc", "ahsc"] = Field(default="ahsc", description="law that runs inside")
+    rho: float = Field(default=RHO, ge=1.0, le=1000.0, description="largest factor of the damping [-]")
+    agent_period: float = Field(default=AGENT_PERIOD, ge=1.0e-6, le=10.0, description="time between two actions [s]")
+    base_tolerance: float | None = Field(
+        default=None, ge=1.0e-9, le=1000.0,
+        description="error of the base at which an action counts half [m]; null: it never does",
+    )  # fmt: skip
 
 
 def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, base_tolerance: float | None) -> Law:
@@ -24,24 +42,19 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, bas
 
     Args:
         prior: what the controller believes of the robot.
-        name: one of ``LAWS``.
+        name: ``hsc`` or ``ahsc``.
         rho: largest factor of the damping; 1 / rho is the smallest.
         agent_period: time between two actions [s], a multiple of the control period.
         base_tolerance: error of the base [m] at which an action counts half; None: actions always count in full.
 
     Raises:
-        ConfigError: for an unknown law, a robot without panels, a factor below 1, a period between actions that is no
-            multiple of the control period, a tolerance that is not positive, or a damping within reach of the agent
-            that the sampled loop cannot run.
+        ConfigError: for an unknown law, a number out of its range, a robot without panels, a period between actions
+            that is no multiple of the control period, or a damping within reach of the agent that the sampled loop
+            cannot run.
     """
-    if name not in LAWS:
-        raise ConfigError(f"law = {name!r}: must be one of {', '.join(LAWS)}")
+    check_arguments(Scheduling, law=name, rho=rho, agent_period=agent_period, base_tolerance=base_tolerance)
     if prior.n_panels == 0:
         raise ConfigError("the robot has no panels whose damping could be scheduled")
-    if not rho >= 1.0:
-        raise ConfigError(f"rho = {rho}: must be at least 1")
-    if base_tolerance is not None and not base_tolerance > 0.0:
-        raise ConfigError(f"base_tolerance = {base_tolerance}: must be positive, or None")
     period = prior.control.period
     hold = round(agent_period / period)
     if hold < 1 or abs(hold * period - agent_period) > 1e-9:

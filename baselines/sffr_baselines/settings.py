@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import functools
+from typing import Annotated
 
 from pydantic import Field
 
 from sffr_gym.config.params import Params
-from sffr_gym.config.sections import NonNegative, Positive, Section
+from sffr_gym.config.ranges import Damping, Text
+from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import build, find_config, read_mapping
+
+Cost = Annotated[float, Field(ge=0.0, le=1.0e12)]  # relative to AHSC's
 
 
 class TunedDamping(Section):
     """Constant virtual damping of the bending coordinates, and where it comes from."""
 
-    q5: NonNegative = Field(description="of the tip's transverse displacement [N s/m]")
-    q6: NonNegative = Field(description="of the tip's slope [N m s/rad]")
-    cost: NonNegative = Field(description="what it scored where it was tuned, AHSC scoring 1 [-]")
-    hsc_cost: NonNegative = Field(description="what HSC with B0 scored there [-]")
-    command: str = Field(description="what found it")
-    date: str = Field(description="when")
+    q5: Damping = Field(description="of the tip's transverse displacement [N s/m]")
+    q6: Damping = Field(description="of the tip's slope [N m s/rad]")
+    cost: Cost = Field(description="what it scored where it was tuned, AHSC scoring 1 [-]")
+    hsc_cost: Cost = Field(description="what HSC with B0 scored there [-]")
+    command: Text = Field(description="what found it")
+    date: Text = Field(description="when")
 
     def applied_to(self, prior: Params) -> Params:
         """Return the parameters with this damping as B0; that of the axial coordinate stays."""
@@ -29,7 +33,7 @@ class TunedDamping(Section):
 class RegulatorWeights(Section):
     """What the linear-quadratic regulator minimises: energy plus priced effort."""
 
-    effort: Positive = Field(description="price of a squared volt [J/V2]")
+    effort: float = Field(ge=1.0e-12, le=1.0e12, description="price of a squared volt [J/V2]")
 
 
 @functools.cache

@@ -5,9 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
+
+from sffr_gym.config.errors import ConfigError
 
 
 def to_json(value: Any) -> str:
@@ -25,14 +28,47 @@ def short_hash(value: Any) -> str:
     return hashlib.sha256(canonical_json(value).encode()).hexdigest()[:16]
 
 
+def check_target(file: Path, overwrite: bool = False) -> None:
+    """Make sure, before anything runs, that a file may be written.
+
+    Raises:
+        ConfigError: if something is there that is not to be replaced or is no file, or its folder is not there or
+            cannot be written.
+    """
+    try:
+        if "\0" in str(file):
+            raise ValueError("embedded null byte")
+        if file.is_dir():
+            raise ConfigError(f"{file}: is a folder; name a file with --out")
+        if os.path.lexists(file) and not overwrite:
+            raise ConfigError(f"{file}: is there already; choose another name with --out or add --overwrite")
+        above = file.absolute().parent
+        while not above.exists():
+            above = above.parent
+    except (OSError, ValueError) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"{str(file)!r}: is no name of a file: {error}") from None
+    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+        reason = "cannot be written to" if above.is_dir() else "is not a folder"
+        raise ConfigError(f"{file}: cannot be written: {above} {reason}")
+
+
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file under another name and put it into place, so that no reader ever finds a part of it."""
+    """Write a file under another name and put it into place, so that no reader ever finds a part of it.
+
+    Raises:
+        OSError: if it cannot be written, which names the file, whatever could not be done; the old one is left then.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         part.write_bytes(content)
         os.replace(part, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # of a folder that cannot be written any more
+            part.unlink()
     return path
 
 

@@ -3,26 +3,73 @@
 The tables and equations of the paper are cited in that file. ``params.py`` has the root.
 """
 
+import functools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails
 
+from sffr_gym.config.ranges import (
+    Angle,
+    AngleBound,
+    Area,
+    BendingStiffness,
+    Bound,
+    Damping,
+    Decay,
+    FilterRate,
+    Inertia,
+    Length,
+    Limit,
+    Mass,
+    ModeCut,
+    Name,
+    Offset,
+    Period,
+    Place,
+    Position,
+    PositionGain,
+    Radius,
+    Rate,
+    RateGain,
+    Relaxation,
+    Scale,
+    Share,
+    Sine,
+    Slope,
+    Speed,
+    Velocity,
+    Weight,
+    YoungsModulus,
+    at_most,
+)
 from sffr_gym.config.strict_yaml import TAG, check_error
 
 TIP_COORDINATES = ("q4", "q5", "q6")  # a panel tip's axial and transverse displacement and slope, as the paper counts
 ALL, EACH = f"{TAG}all", f"{TAG}each"  # forms of the panels' initial state
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
-Angle = Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]  # more than a turn is taken for degrees
-Duration = Annotated[float, Field(gt=0.0, le=0.1)]  # longer is taken for milliseconds
-Name = Annotated[str, Field(min_length=1)]
-Vec2 = tuple[float, float]
-Vec3 = tuple[float, float, float]
-Spans = Annotated[tuple[Vec2, ...], Field(min_length=1)]
-NonNegative3 = tuple[NonNegative, NonNegative, NonNegative]
+# Each part of a robot costs in every step, and in the search of its modes: a robot of all of them takes milliseconds.
+MOST_ARMS, MOST_LINKS, MOST_PANELS, MOST_ELEMENTS, MOST_SPANS = 16, 32, 16, 64, 64
+COSTS = "each costs in every step"
+
+Place2 = tuple[Place, Place]
+Spans = Annotated[
+    tuple[tuple[float, float], ...], Field(min_length=1), at_most(MOST_SPANS, "each is a channel of every action")
+]
+Damping3 = tuple[Damping, Damping, Damping]
+Tip = tuple[Place, Place, Slope]
+TipRate = tuple[Velocity, Velocity, Rate]
 
 
 def error_at(key: tuple[str | int, ...], value: Any, reason: str) -> InitErrorDetails:
@@ -43,7 +90,11 @@ def tip_form(value: Any) -> str:
 
 
 TipState = Annotated[
-    Annotated[Vec3, Tag(ALL)] | Annotated[tuple[Vec3, ...], Tag(EACH)],
+    Annotated[Tip, Tag(ALL)] | Annotated[tuple[Tip, ...], Tag(EACH)],
+    Discriminator(tip_form),
+]
+TipMotion = Annotated[
+    Annotated[TipRate, Tag(ALL)] | Annotated[tuple[TipRate, ...], Tag(EACH)],
     Discriminator(tip_form),
 ]
 
@@ -62,18 +113,18 @@ class Section(BaseModel):
 class Base(Section):
     """The rigid base of the robot."""
 
-    mass: Positive = Field(description="mass [kg]")
-    inertia: Positive = Field(description="moment of inertia about the centre of mass [kg m2]")
-    side: Positive = Field(description="side of the square body [m]")
+    mass: Mass = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="moment of inertia about the centre of mass [kg m2]")
+    side: Length = Field(description="side of the square body [m]")
 
 
 class Link(Section):
     """A rigid link of an arm."""
 
-    mass: Positive = Field(description="mass [kg]")
-    length: Positive = Field(description="distance from its joint to the next [m]")
-    inertia: Positive = Field(description="moment of inertia about the centre of mass [kg m2]")
-    com: NonNegative = Field(description="distance from its joint to the centre of mass [m]")
+    mass: Mass = Field(description="mass [kg]")
+    length: Length = Field(description="distance from its joint to the next [m]")
+    inertia: Inertia = Field(description="moment of inertia about the centre of mass [kg m2]")
+    com: Offset = Field(description="distance from its joint to the centre of mass [m]")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -86,46 +137,50 @@ class Arm(Section):
     """A serial chain of links with revolute joints; an antenna and a camera are arms too."""
 
     name: Name = Field(description="unique name [-]")
-    mount: Vec2 = Field(description="place of the first joint in the base frame [m]")
+    mount: Place2 = Field(description="place of the first joint in the base frame [m]")
     mount_angle: Angle = Field(description="turn of the first joint's zero from the base x axis [rad]")
-    links: tuple[Link, ...] = Field(min_length=1, description="links from the base outwards")
+    links: Annotated[tuple[Link, ...], at_most(MOST_LINKS, COSTS)] = Field(
+        min_length=1, description="links from the base outwards"
+    )
 
 
 class PanelMount(Section):
     """Where a panel is clamped to the base."""
 
     name: Name = Field(description="unique name [-]")
-    root: Vec2 = Field(description="place of the clamped end in the base frame [m]")
+    root: Place2 = Field(description="place of the clamped end in the base frame [m]")
     angle: Angle = Field(description="direction of the undeformed panel in the base frame [rad]")
 
 
 class Panel(Section):
     """The flexible panel, one beam model for all the mounts."""
 
-    mass: Positive = Field(description="mass of one panel [kg]")
-    length: Positive = Field(description="length [m]")
-    EI: Positive = Field(description="bending stiffness [N m2]")
-    E: Annotated[float, Field(ge=1.0e6)] = Field(description="Young's modulus [Pa]")
-    area: Annotated[float, Field(gt=0.0, le=1.0)] = Field(description="area of the cross-section [m2]")
-    elements: Annotated[int, Field(ge=1, le=64)] = Field(description="number of beam elements per panel [-]")
-    strain_rate_damping: NonNegative = Field(description="Kelvin-Voigt eta in D = eta K [s]")
-    axial_cut: Positive = Field(description="clamped axial modes above this frequency are left out [rad/s]")
-    bending_cut: Positive = Field(description="clamped bending modes above this frequency are left out [rad/s]")
-    mounts: tuple[PanelMount, ...] = Field(description="one entry for each panel")
+    mass: Mass = Field(description="mass of one panel [kg]")
+    length: Length = Field(description="length [m]")
+    EI: BendingStiffness = Field(description="bending stiffness [N m2]")
+    E: YoungsModulus = Field(description="Young's modulus [Pa]")
+    area: Area = Field(description="area of the cross-section [m2]")
+    elements: int = Field(ge=1, le=MOST_ELEMENTS, description="number of beam elements per panel [-]")
+    strain_rate_damping: Relaxation = Field(description="Kelvin-Voigt eta in D = eta K [s]")
+    axial_cut: ModeCut = Field(description="clamped axial modes above this frequency are left out [rad/s]")
+    bending_cut: ModeCut = Field(description="clamped bending modes above this frequency are left out [rad/s]")
+    mounts: Annotated[tuple[PanelMount, ...], at_most(MOST_PANELS, COSTS)] = Field(
+        description="one entry for each panel"
+    )
 
 
 class Grasp(Section):
     """An end-effector pinned to a point of the object."""
 
     arm: Name = Field(description="name of the grasping arm [-]")
-    point: Vec2 = Field(description="grasped point in the object's frame [m]")
+    point: Place2 = Field(description="grasped point in the object's frame [m]")
 
 
 class Object(Section):
     """The rigid object that the arms carry."""
 
-    mass: Positive = Field(description="mass [kg]")
-    inertia: Positive = Field(description="moment of inertia about the centre of mass [kg m2]")
+    mass: Mass = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="moment of inertia about the centre of mass [kg m2]")
     grasps: tuple[Grasp, ...] = Field(min_length=1, description="one entry for each grasping arm")
 
 
@@ -133,15 +188,15 @@ class Piezo(Section):
     """The piezoelectric actuators of each panel."""
 
     array: Literal["generalized", "patches", "tip"] = Field(description="what the channels act on [-]")
-    force: Positive = Field(description="force at full voltage: of a patch, on the axial, transverse coordinate [N]")
-    moment: Positive = Field(description="moment at full voltage on the tip slope [N m]")
-    voltage: Positive = Field(description="full voltage [V]")
+    force: Limit = Field(description="force at full voltage: of a patch, on the axial, transverse coordinate [N]")
+    moment: Limit = Field(description="moment at full voltage on the tip slope [N m]")
+    voltage: Limit = Field(description="full voltage [V]")
     patches: Spans = Field(description="patch pairs near the root, each from and to, as parts of the length [-]")
     tip: Spans = Field(description="patch pairs at the tip, likewise [-]")
 
     @field_validator("patches", "tip")
     @classmethod
-    def _check_spans(cls, spans: tuple[Vec2, ...]) -> tuple[Vec2, ...]:
+    def _check_spans(cls, spans: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
         end = 0.0
         for start, stop in spans:
             if not end <= start < stop <= 1.0:
@@ -155,26 +210,36 @@ class Piezo(Section):
 class Actuators(Section):
     """Limits of the thrusters, the joints and the piezoelectric actuators."""
 
-    thruster_force: Positive = Field(description="largest force on each body axis [N]")
-    thruster_torque: Positive = Field(description="largest torque on the base [N m]")
-    joint_torque: Positive = Field(description="largest torque of each joint [N m]")
+    thruster_force: Limit = Field(description="largest force on each body axis [N]")
+    thruster_torque: Limit = Field(description="largest torque on the base [N m]")
+    joint_torque: Limit = Field(description="largest torque of each joint [N m]")
     piezo: Piezo = Field(description="piezoelectric actuators")
 
 
 class Initial(Section):
-    """The initial state."""
+    """The initial state; without ``qd`` robot and object move as one, at the path's speed and with its heading."""
 
     q: tuple[float, ...] = Field(description="base x, y, yaw, then the joint angles, arm by arm [m, rad]")
-    qd: tuple[float, ...] = Field(description="their rates [m/s, rad/s]")
+    qd: tuple[float, ...] | None = Field(description="their rates, null: along the path [m/s, rad/s]")
     qf: TipState = Field(description="tip's axial, transverse, slope, of every panel or a list of each [m, m, rad]")
-    qfd: TipState = Field(description="their rates [m/s, m/s, rad/s]")
+    qfd: TipMotion = Field(description="their rates [m/s, m/s, rad/s]")
+
+    @field_validator("q")
+    @classmethod
+    def _check_q(cls, q: tuple[float, ...]) -> tuple[float, ...]:
+        return _coordinates(Position, Angle, len(q)).validate_python(q)
+
+    @field_validator("qd")
+    @classmethod
+    def _check_qd(cls, qd: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        return None if qd is None else _coordinates(Velocity, Rate, len(qd)).validate_python(qd)
 
 
 class Path(Section):
     """The circle that the object is carried around."""
 
-    radius: Positive = Field(description="radius of the circle [m]")
-    speed: Positive = Field(description="speed along the circle [m/s]")
+    radius: Radius = Field(description="radius of the circle [m]")
+    speed: Speed = Field(description="speed along the circle [m/s]")
     heading: Literal["fixed", "tangent"] = Field(description="whether base and object turn with the path [-]")
 
     @property
@@ -186,9 +251,9 @@ class Path(Section):
 class Control(Section):
     """Sampling and gains of the task-space control."""
 
-    period: Duration = Field(description="control period [s]")
-    Kp: Positive = Field(description="stiffness of the error dynamics edd + Kd ed + Kp e = 0 [1/s2]")
-    Kd: Positive = Field(description="damping of the error dynamics edd + Kd ed + Kp e = 0 [1/s]")
+    period: Period = Field(description="control period [s]")
+    Kp: PositionGain = Field(description="stiffness of the error dynamics edd + Kd ed + Kp e = 0 [1/s2]")
+    Kd: RateGain = Field(description="damping of the error dynamics edd + Kd ed + Kp e = 0 [1/s]")
 
     @property
     def longest_period(self) -> float:
@@ -214,9 +279,9 @@ class Suppression(Section):
     coordinates: Literal["auto", "all"] | tuple[Literal["q4", "q5", "q6"], ...] = Field(
         description="damped tip coordinates [-]"
     )
-    B0: NonNegative3 = Field(description="initial virtual damping [N s/m, N s/m, N m s/rad]")
-    Gamma: NonNegative3 = Field(description="adaptation gain of each coordinate [SI]")
-    psi: Positive = Field(description="weight of e in the filtered output ed + psi e [1/s]")
+    B0: Damping3 = Field(description="initial virtual damping [N s/m, N s/m, N m s/rad]")
+    Gamma: Damping3 = Field(description="adaptation gain of each coordinate [SI]")
+    psi: FilterRate = Field(description="weight of e in the filtered output ed + psi e [1/s]")
 
     @field_validator("coordinates", mode="before")
     @classmethod
@@ -233,27 +298,27 @@ class Simulation(Section):
 
     coupling: Literal["exact", "staggered"] = Field(description="how rigid and elastic motion are coupled [-]")
     integrator: Literal["etdrk4", "rk4"] = Field(description="integration method [-]")
-    max_step: Duration = Field(description="longest integration step [s]")
-    baumgarte: NonNegative = Field(description="decay rate of drift from the grasp constraints [1/s]")
+    max_step: Period = Field(description="longest integration step [s]")
+    baumgarte: Decay = Field(description="decay rate of drift from the grasp constraints [1/s]")
 
 
 class Limits(Section):
     """What ends an episode, and the range of the observation."""
 
-    tip: Positive = Field(description="largest tip deflection, as a part of the panel's length [-]")
-    arm_singularity: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(description="least |sin| of an elbow angle [-]")
-    grasp_gap: Positive = Field(description="gap at which a grasp is lost [m]")
-    position: Positive = Field(description="range of position errors [m]")
-    angle: Positive = Field(description="range of orientation errors and joint angles [rad]")
-    velocity: Positive = Field(description="range of velocities [m/s]")
-    rate: Positive = Field(description="range of angular rates [rad/s]")
+    tip: Share = Field(description="largest tip deflection, as a part of the panel's length [-]")
+    arm_singularity: Sine = Field(description="least |sin| of an elbow angle [-]")
+    grasp_gap: Bound = Field(description="gap at which a grasp is lost [m]")
+    position: Bound = Field(description="range of position errors [m]")
+    angle: AngleBound = Field(description="range of orientation errors and joint angles [rad]")
+    velocity: Bound = Field(description="range of velocities [m/s]")
+    rate: Bound = Field(description="range of angular rates [rad/s]")
 
 
 class RewardTerm(Section):
     """One term of the reward."""
 
-    weight: NonNegative = Field(description="cost per second at the scale [1/s]")
-    scale: Positive = Field(description="size of the measure that costs the weight [m, J or V]")
+    weight: Weight = Field(description="cost per second at the scale [1/s]")
+    scale: Scale = Field(description="size of the measure that costs the weight [m, J or V]")
 
 
 class Reward(Section):
@@ -262,6 +327,12 @@ class Reward(Section):
     tracking: RewardTerm = Field(description="object position error, scale in m")
     vibration: RewardTerm = Field(description="bending energy about the quasi-static shape, scale in J")
     effort: RewardTerm = Field(description="root mean square piezo voltage, scale in V")
+
+
+@functools.cache
+def _coordinates(place: Any, angle: Any, count: int) -> TypeAdapter[tuple[float, ...]]:
+    """Return what checks the first two of ``count`` coordinates as places and the others as angles, or their rates."""
+    return TypeAdapter(tuple[(place, place, *[angle] * count)[:count]])  # type: ignore[arg-type, misc]
 
 
 def _to_tuple(value: Any) -> Any:

@@ -14,6 +14,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
+from sffr_gym.config.errors import ConfigError as ConfigError
+from sffr_gym.config.reading import read_text
 from sffr_gym.config.suggestion import did_you_mean
 
 Key = tuple[Any, ...]  # path from the root: names of keys, positions in lists
@@ -23,8 +25,11 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 SHIPPED = "sffr.yaml"
 TAG = "form: "  # start of the tags of pydantic unions, which are no part of a key
 CHECK = "check"  # type of the errors that the models' own checks find; their message is complete
-# Beside its own errors, PyYAML lets through what Python raises on values such as "!!bool maybe".
-_UNREADABLE = (yaml.YAMLError, ValueError, KeyError, AttributeError, RecursionError)
+MOST_YAML = 100_000  # bytes; the shipped case study has 6,000, and PyYAML reads 100,000 in about a second
+MOST_VALUES = 20_000  # in a text, once all its references (*name) are written out
+MOST_DEPTH = 50  # of lists and mappings in each other; the shipped case study has 5
+# Beside its own errors, PyYAML lets through what Python raises on values such as "!!bool maybe" or "!!int ''".
+_UNREADABLE = (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError, OverflowError, RecursionError)
 _REASONS = {
     "float_type": "must be a number",
     "int_type": "must be a whole number",
@@ -44,17 +49,23 @@ _REASONS = {
 }
 
 
-class ConfigError(ValueError):
-    """An error in a file or an override; the message names place, key, value and what is allowed."""
-
-
 class _Loader(yaml.SafeLoader):
-    """Safe loader that reads numbers and words as YAML 1.2 does and rejects a key given twice.
+    """Safe loader that reads numbers and words as YAML 1.2 does, rejects a key given twice and what is nested deeply.
 
     PyYAML follows YAML 1.1, in which ``3e-4`` is a text, ``010`` is eight, ``1:30`` is ninety and ``off`` is false.
     """
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> yaml.Node | None:
+        """Compose a node and raise if it lies too deep."""
+        self.depth += 1
+        if self.depth > MOST_DEPTH:
+            raise yaml.YAMLError("it is nested too deeply")
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Compose a mapping and raise if two of its keys are the same."""
@@ -89,35 +100,52 @@ def config_dir() -> Path:
     return inside if inside.is_dir() else package.parent / "configs"
 
 
-def find_config(path: str | os.PathLike[str], folder: str = "") -> Path:
-    """Return the file at ``path``, or else the shipped file of that name in ``folder``, with or without its suffix.
+def find_config(name: str | os.PathLike[str], folder: str = "") -> Path:
+    """Return the shipped file of a name in ``folder``, or else the file at a path.
 
-    A name may lead into a folder below: ``practice/mixed`` in ``scenarios``.
+    A text says that it is a path by a separator or an ending: ``./lqr`` and ``lqr.yaml`` are files, ``lqr`` is the
+    shipped one whatever lies in the working directory, and so is ``lqr.yaml`` if nothing of that name lies there.
+    Shipped names may lead into a folder below, ``practice/mixed`` in ``scenarios``.
 
     Raises:
         ConfigError: if there is neither.
     """
-    file, shipped_files = Path(path), config_dir() / folder
-    if file.is_file():
-        return file
-    if not file.is_absolute() and ".." not in file.parts:
-        for name in (file, Path(f"{file}.yaml")):
-            if (shipped_files / name).is_file():
-                return shipped_files / name
+    text, shipped_files = os.fspath(name), config_dir() / folder
     files = shipped_files.glob("**/*.yaml" if folder else "*.yaml")
-    shipped = sorted(each.relative_to(shipped_files).with_suffix("").as_posix() for each in files)
-    raise ConfigError(f"{path}: no such file{did_you_mean(file.stem, shipped)} (shipped: {', '.join(shipped)})")
+    shipped = {file.relative_to(shipped_files).with_suffix("").as_posix(): file for file in files}
+    if isinstance(name, str) and text in shipped:
+        return shipped[text]
+    path = Path(text)
+    is_path = not isinstance(name, str) or len(path.parts) > 1 or path.suffix != "" or text.startswith(("./", ".\\"))
+    if is_path and _is_there(path):
+        return path
+    if text.removesuffix(".yaml") in shipped:
+        return shipped[text.removesuffix(".yaml")]
+    hint = did_you_mean(path.stem, shipped)
+    if not is_path and path.parts and _is_there(path):
+        hint = f"; for the file of that name write ./{text}"
+    raise ConfigError(f"{name}: no such file{hint} (shipped: {', '.join(sorted(shipped))})")
+
+
+def _is_there(path: Path) -> bool:
+    """Say whether anything lies at a path; a name that no file can have is none."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
 
 
 def read_mapping(file: Path) -> tuple[dict[str, Any], Where]:
     """Return the mapping in a YAML file and a function that names the file and line of a key.
 
     Raises:
-        ConfigError: if the file cannot be read, is no valid YAML, gives a key twice or holds no mapping.
+        ConfigError: if the file cannot be read or is too large, is no valid YAML, gives a key twice or holds no
+            mapping.
     """
+    text = read_text(file, MOST_YAML)
     try:
-        value, lines = _parse(file.read_text(encoding="utf-8"))
-    except (OSError, *_UNREADABLE) as error:
+        value, lines = _parse(text)
+    except _UNREADABLE as error:
         mark = getattr(error, "problem_mark", None)
         raise ConfigError(f"{file}{f':{mark.line + 1}' if mark else ''}: {_unreadable(error)}") from None
     if not isinstance(value, dict):
@@ -199,10 +227,26 @@ def _parse(text: str) -> tuple[Any, dict[Key, int]]:
     loader = _Loader(text)
     try:
         node = loader.get_single_node()
+        _check_expansion(node)
         lines = dict(_lines(node, ()))  # before the construction, which moves merged keys about
         return (None if node is None else loader.construct_document(node)), lines
     finally:
         loader.dispose()
+
+
+def _check_expansion(node: yaml.Node | None) -> None:
+    """Raise if a few references in a text stand for more values than anybody would write out."""
+    counts: dict[int, int] = {}
+
+    def count(node: yaml.Node) -> int:
+        if id(node) not in counts:
+            children: list[Any] = node.value if isinstance(node, yaml.CollectionNode) else []
+            parts = [part for child in children for part in (child if isinstance(child, tuple) else (child,))]
+            counts[id(node)] = 1 + sum(map(count, parts))
+        return counts[id(node)]
+
+    if node is not None and (values := count(node)) > MOST_VALUES:
+        raise yaml.YAMLError(f"holds {values:.3g} values once its references are written out, at most {MOST_VALUES}")
 
 
 def _lines(node: yaml.Node | None, key: Key) -> Iterator[tuple[Key, int]]:
@@ -285,9 +329,7 @@ def _dotted_names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 
 def _unreadable(error: Exception) -> str:
     if isinstance(error, RecursionError):
-        return "cannot be read: something in it refers to itself or is nested too deeply"
-    if isinstance(error, OSError):
-        return f"cannot be read: {error.strerror}"
+        return "cannot be read: something in it refers to itself"
     return f"cannot be read as YAML: {getattr(error, 'problem', None) or error}"
 
 

@@ -14,13 +14,15 @@ import numpy as np
 
 from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.lanes import WIDTH, columns, gather, put, take
+from sffr_gym.compile.threads import available_cores
 from sffr_gym.compile.workspace import allocate, workspace
-from sffr_gym.envs.fleet import Fleet, plant_at
+from sffr_gym.envs.fleet import Fleet, plant_at, roomiest
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
 from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
 from sffr_gym.task.episode import Episode
+from sffr_gym.task.observation import clip
 from sffr_gym.task.reference import flat_reference, reference_shapes
 from sffr_gym.task.reward import REWARDS, period_cost, reward_terms
 from sffr_gym.task.scenario import MOST_IMPULSES
@@ -29,7 +31,7 @@ from sffr_gym.task.status import NOT_FINITE
 from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
-THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+THREADS = available_cores()
 N_REFERENCE = 10  # numbers of a Reference beside its joints
 NEVER = -1  # control period of an impulse that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
@@ -122,12 +124,15 @@ def make_memory(description: Any, n: int) -> Memory:
 
 
 def batch_memory(task: TaskModel, n: int) -> Memory:
-    """Allocate the memory of :func:`step_batch` and :func:`start_episode` for ``n`` environments."""
-    return make_memory(group_shapes(task), n)
+    """Allocate the memory of :func:`step_batch` and :func:`start_episode` for ``n`` environments.
+
+    It is enough for every plant of the layout; see :class:`fleet.Fleet`.
+    """
+    return make_memory(group_shapes(roomiest(task)), n)
 
 
 def start_episode(fleet: Fleet, batch: Batch, memory: Memory, i: int, episode: Episode) -> None:
-    """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do."""
+    """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do within the bounds."""
     for array in batch:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
@@ -146,6 +151,7 @@ def observe_one(fleet, batch, i, block):
     work, reference = workspace(block, period_shapes(task)), _reference(task, batch.reference[i])
     t, p, v, obs = batch.tick[i] * task.period, batch.p[i], batch.v[i], batch.obs[i]
     observe_state(task, reference, t, p, v, work, obs, batch.signals[i])
+    clip(task.bound, obs)
     sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, work.step.dynamics, obs)
 
 
@@ -204,12 +210,18 @@ def step_range(fleet, batch, actions, active, block, plain, first, last):
     block: memory of a group; its kind decides how many environments are advanced at once.
     plain: memory of a single environment; the same block if that is what a group is.
     """
+    alike = last - first if len(fleet.numbers) == 1 else 1  # how many environments' plants have one structure
+    for i in range(first, last, max(alike, 1)):
+        step_alike(fleet, batch, actions, active, block, plain, i, i + alike)
+
+
+@kernel(inline=True)
+def step_alike(fleet, batch, actions, active, block, plain, first, last):
+    """Advance environments as :func:`step_range` does, with the plant of the first."""
     task = plant_at(fleet, first)
     work, one = workspace(block, group_shapes(task)), workspace(plain, period_shapes(task))
     group, width = work.group, columns(work.group.t).shape[1]
     for i in range(first, last, width):
-        if len(fleet.numbers) > 1:
-            task = plant_at(fleet, i)
         load(batch, i, group)
         gather(actions, i, group.command)
         command_of(group.command, task.scale, group.command)

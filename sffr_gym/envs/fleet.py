@@ -13,49 +13,67 @@ import numpy as np
 
 from sffr_gym.compile.jit import inline
 from sffr_gym.compile.workspace import Integers, structure
-from sffr_gym.physics.model import Sizes
+from sffr_gym.physics.model import Sizes, StiffModes
 from sffr_gym.task.task_model import TaskModel, TaskSizes, task_shapes, task_sizes
 from sffr_gym.types import Array, IntArray
 
 N_SIZES = len(Sizes._fields) + len(TaskSizes._fields) - 1
+N_INDICES = len(StiffModes._fields) - 1  # of each stiff mode, beside its frequency
 
 
 class Fleet(NamedTuple):
-    """Plants of one structure: as many links, modes and channels, coupled alike; their numbers differ."""
+    """Plants of one layout: as many links, kept modes and channels, coupled alike; their numbers differ.
 
-    numbers: Array  #: (n, ...) floats of each plant, or a single row if all are alike
-    integers: IntArray  #: what they share: sizes, then indices and switches
+    The modes that are stiff and the integration steps in a control period may differ as well, so that rows are as long
+    as the longest that a plant of the layout can need; what is left of a shorter one is 0.
+    """
+
+    numbers: Array  #: (n, size) floats of each plant, or a single row if all are alike
+    integers: IntArray  #: (n, integers) of each: sizes, then indices and switches
     staggered: tuple[bool, ...]  #: the coupling; see ``model.Model``
 
 
 def make_fleet(plant: TaskModel, n: int = 1) -> Fleet:
     """Return ``n`` rows that begin alike and may be replaced, or one row for any number of plants that stay alike."""
-    numbers, integers = _flatten(plant)
-    return Fleet(np.tile(numbers, (n, 1)), integers, plant.model.staggered)
+    numbers, integers = _row(plant)
+    return Fleet(np.tile(numbers, (n, 1)), np.tile(integers, (n, 1)), plant.model.staggered)
 
 
 def put_plant(fleet: Fleet, i: int, plant: TaskModel) -> None:
     """Replace a plant of the fleet.
 
     Raises:
-        ValueError: for a plant of another structure.
+        ValueError: for a plant of another layout.
     """
-    numbers, integers = _flatten(plant)
-    if not np.array_equal(integers, fleet.integers) or plant.model.staggered != fleet.staggered:
+    if not same_layout(plant_at(fleet, i), plant):
         raise ValueError(
-            "the robots of a batch must have as many links, kept modes, stiff modes, channels and steps in a control "
-            "period each; draw parameters that change none of them, or simulate these robots one by one"
+            "the robots of a batch must have as many links, kept modes and channels each, and one integrator and "
+            "coupling; draw parameters that change none of them, or simulate these robots one by one"
         )
-    fleet.numbers[i] = numbers
+    fleet.numbers[i], fleet.integers[i] = _row(plant)
+
+
+def same_layout(plant: TaskModel, other: TaskModel) -> bool:
+    """Say whether two plants differ in numbers alone, or in which modes are stiff, or in steps per control period."""
+    one, two = (_flatten(roomiest(each)._replace(steps=0))[1] for each in (plant, other))
+    return np.array_equal(one, two) and plant.model.staggered == other.model.staggered
+
+
+def roomiest(plant: TaskModel) -> TaskModel:
+    """Return a plant of the same layout all of whose modes are stiff: none needs more memory."""
+    count = plant.model.omega2.size
+    indices = np.zeros(count, dtype=np.int64)
+    return plant._replace(model=plant.model._replace(stiff=StiffModes(indices, indices, indices, np.zeros(count))))
 
 
 @inline
 def plant_at(fleet, i):
     """The plant of environment ``i`` as a :class:`task_model.TaskModel`."""
-    numbers, one = fleet.numbers[i if len(fleet.numbers) > 1 else 0], Integers(())
+    row, one = i if len(fleet.numbers) > 1 else 0, Integers(())
+    numbers, integers = fleet.numbers[row], fleet.integers[row]
     shapes = TaskSizes(Sizes(one, one, one, one, one, one, one, one), one, one, one, one)
-    sizes = structure(numbers, fleet.integers, shapes)
-    return structure(numbers, fleet.integers[N_SIZES:], task_shapes(sizes, fleet.staggered))
+    sizes = structure(numbers, integers, shapes)
+    return structure(numbers, integers[N_SIZES:], task_shapes(sizes, fleet.staggered))
 
 
 def _flatten(plant: TaskModel) -> tuple[Array, IntArray]:
@@ -65,6 +83,13 @@ def _flatten(plant: TaskModel) -> tuple[Array, IntArray]:
     numbers = [leaf for leaf in leaves if leaf.dtype.kind == "f"]
     integers = [leaf for leaf in leaves if leaf.dtype.kind != "f"]
     return np.concatenate(numbers), np.concatenate([*map(np.ravel, _leaves(sizes)), *integers]).astype(np.int64)
+
+
+def _row(plant: TaskModel) -> tuple[Array, IntArray]:
+    """Numbers and integers of a plant, as long as those of the :func:`roomiest` one."""
+    numbers, integers = _flatten(plant)
+    spare = plant.model.omega2.size - len(plant.model.stiff.omega)
+    return np.pad(numbers, (0, spare)), np.pad(integers, (0, spare * N_INDICES))
 
 
 def _leaves(value: Any) -> list[Any]:

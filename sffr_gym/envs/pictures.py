@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+import numpy as np
 
+from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.envs.batch import visible
+from sffr_gym.task.episode import drawn_plant
 from sffr_gym.task.task_model import TaskModel
 
 if TYPE_CHECKING:
@@ -31,8 +36,8 @@ def make_renderer(
         ConfigError: for a time that is not from 0 to ``MOST_BETWEEN``.
         gymnasium.error.DependencyNotInstalled: see :func:`require_pillow`.
     """
-    if not 0.0 <= every <= MOST_BETWEEN:
-        raise ConfigError(f"render_every = {every}: must be from 0, a picture of every step, to {MOST_BETWEEN:g} s")
+    if not (isinstance(every, float | int) and 0.0 <= every <= MOST_BETWEEN):
+        raise ConfigError(f"render_every = {every!r}: must be from 0, a picture of every step, to {MOST_BETWEEN:g} s")
     if render_mode is None:
         return None
     require_pillow()
@@ -47,6 +52,28 @@ def make_renderers(
     """Return what draws each of ``n`` environments, none without a render mode; see :func:`make_renderer`."""
     made = (make_renderer(task, render_mode, every, damped) for _ in range(n if render_mode else 1))
     return [renderer for renderer in made if renderer is not None]
+
+
+def check_pictures(renderers: Sequence[EnvironmentRenderer], kept: dict[str, Any], params: Params) -> dict[int, Params]:
+    """Make sure that the environments of a batch can be drawn in a state, and return their plants by number.
+
+    Args:
+        renderers: of the environments, none without pictures.
+        kept: a state whose other parts are sound.
+        params: what the controllers believe.
+
+    Raises:
+        ValueError: for a state of other robots, or a damaged one.
+    """
+    pasts, plants = kept["trace"], {}
+    if renderers and pasts is not None and not (isinstance(pasts, list) and len(pasts) == len(renderers)):
+        raise ValueError(f"state.trace: must be a list of {len(renderers)}, one of each environment")
+    for i in np.flatnonzero(kept["ticks"][: len(renderers)]).tolist():
+        if pasts is not None:
+            renderers[i].check(pasts[i], visible(kept["batch"], i), f"state.trace.{i}")
+        drawn = {name: float(values[i]) for name, (values, has) in kept["drawn"].items() if has[i]}
+        plants[i] = drawn_plant(params, drawn)
+    return plants
 
 
 def require_pillow() -> None:

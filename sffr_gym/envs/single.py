@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
-import copy
-import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import DTypeLike
 
-from sffr_gym.config.params import Params, load_params
+from sffr_gym.config.params import Params
+from sffr_gym.envs.arguments import (
+    ParamsLike,
+    ScenarioLike,
+    check_options,
+    check_seed,
+    observation_type,
+    resolve_params,
+)
+from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.member import Present
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer
-from sffr_gym.physics.simulator import State, unflatten
+from sffr_gym.envs.spaces import check_action, make_spaces
+from sffr_gym.envs.state import check_batch, check_episode
 from sffr_gym.task.episode import Episode, draw, nominal
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.reward import REWARDS
-from sffr_gym.task.scenario import Scenario, load_scenario
 from sffr_gym.task.signals import SIGNALS
-from sffr_gym.task.status import REASONS, RUNNING
+from sffr_gym.task.status import RUNNING, Failure
 from sffr_gym.task.task_model import TaskModel, make_task_model, plant_of
 from sffr_gym.types import Array
-
-ParamsLike = Params | str | os.PathLike[str] | None
 
 ONE = np.ones(1, dtype=np.bool_)  # the single environment of its batch is active
 
 
-class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
+class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     """A free-flying robot with two arms carries an object around a circle while its long, soft solar panels swing.
 
     ## Description
@@ -39,8 +46,9 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     One step is one control period of 2 ms under held actuator forces; once around is 55,440 steps.
 
     ## Action space
-    ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond are clipped,
-    which ``info["clipped"]`` counts. Float64 actions are taken as they are.
+    ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond, infinite ones
+    among them, are clipped, which ``info["clipped"]`` counts. Float64 actions are taken as they are; what is no real
+    number is refused.
 
     | index | actuator | limit |
     |---|---|---|
@@ -55,8 +63,8 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     pair the upper face first.
 
     ## Observation space
-    ``Box(float64)``, SI units, vectors in the reference axes (the inertial ones for the fixed heading); errors are
-    desired minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each field:
+    ``Box(float64)`` (or float32, see ``dtype``), SI units, vectors in the reference axes (the inertial ones for the
+    fixed heading); errors are desired minus actual. ``env.unwrapped.fields`` has name, place, unit and bound of each:
 
     | index | field | unit |
     |---|---|---|
@@ -79,11 +87,12 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     period.
 
     ## Info
-    The same keys with the same types at every reset and step: each measure of ``task.SIGNALS`` (of the true state; the
-    saturated fractions of piezos, thrusters and joints among them), ``reward_<name>``, ``time`` [s], ``clipped``,
-    ``failure``, ``applied`` (the command after the limits), ``drawn`` (what the scenario drew, by name with unit) and
-    ``cost``, for safe reinforcement learning: 1 in a period in which an actuator is at its limit or that ends the
-    episode in a failure, else 0.
+    Numbers and arrays of numbers, with the same keys and types at every reset and step of a scenario: each measure of
+    ``task.SIGNALS`` (of the true state; the saturated fractions of piezos, thrusters and joints among them),
+    ``reward_<name>``, ``time`` [s], ``clipped``, ``failure`` (a ``task.status.Failure``: 0 for none, ``str()`` gives
+    the reason), ``applied`` (the command after the limits), ``drawn`` (what the scenario drew, by name with unit;
+    absent where it draws nothing) and ``cost``, for safe reinforcement learning: 1 in a period in which an actuator is
+    at its limit or that ends the episode in a failure, else 0.
 
     ## Starting state
     Drawn from the scenario, as is what happens afterwards: ``nominal`` is Table IV, ``excited`` has swinging panels,
@@ -91,20 +100,26 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
     the robot of ``params``, which is all that controllers know; ``degraded`` has a fault, ``impulse`` hits the base.
     In ``noise``, and with a scenario of your own, what is measured is noisy and may lag a control period behind: the
     robot of a period ago is compared with what is desired now. Noise reaches the observation alone; reward, measures
-    and the episode's end know the truth. The reference's motion is known, not measured.
+    and the episode's end know the truth. The reference's motion is known, not measured. A scenario whose starts lie
+    outside of the observation space is refused; a single one that does nevertheless is shown on its bound.
 
     ## Episode end
-    Terminates, with the text in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
+    Terminates, with the reason in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
     grasping arm gets singular, a grasp is lost, an observation leaves its bound, or the state is not finite. A state
-    that is not finite is never returned: the last finite one stays. Truncates when the scenario's time is over.
+    that is not finite is never returned: the last finite one stays. Truncates when the scenario's time is over. Who
+    steps on without a reset goes on simulating.
 
     ## Arguments
-    - ``scenario``: a shipped scenario's name or the path of a YAML file.
-    - ``params``: a ``Params`` object, a path, or None for the case study; the robot as controllers know it.
+    - ``scenario``: a shipped scenario's name, the path of a YAML file, a ``Scenario``, or a mapping of its keys.
+    - ``params``: a ``Params`` object, a path, a mapping with what differs from the case study, or None for that; the
+      robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
     - ``render_mode``: None; ``rgb_array``, pictures of 600 x 600 pixels without any display; or ``human``, a window
       that follows the simulation in real time. Needs the extra ``render``.
-    - ``render_every``: time between two pictures [s], 25 of them in a second; 0 for one of every step.
+    - ``dtype``: of the observation, ``float64`` or ``float32``. The state is float64 in any case.
+    - ``render_every``: time between two pictures [s]; 0 for one of every step, such as for observations of pixels.
+
+    What is given can be neither set nor changed afterwards, but the scenario by ``reset(options={"scenario": ...})``.
 
     ## Pictures
     ``render()`` shows the last moment that was due, every ``render_every`` seconds and at the episode's end, and
@@ -126,17 +141,19 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __init__(
         self,
-        scenario: str | os.PathLike[str] = "nominal",
+        scenario: ScenarioLike = "nominal",
         params: ParamsLike = None,
-        overrides: tuple[str, ...] | list[str] = (),
+        overrides: Sequence[str] = (),
         render_mode: str | None = None,
+        dtype: DTypeLike = "float64",
         render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
         Raises:
-            ConfigError: for parameters, a scenario or a time between pictures that are not valid.
-            ValueError: for an unknown render mode.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid, or a scenario whose
+                episodes would begin outside of the observation space.
+            ValueError: for an unknown render mode or type of observations.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -145,11 +162,11 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
             )
         self.render_mode = render_mode
         self.params = resolve_params(params, overrides)
-        self.scenario = load_scenario(scenario)
-        self.prior_task = self.plant_task = make_task_model(self.params)
+        self.prior_task = self._plant_task = make_task_model(self.params)
         self._nominal = nominal(self.params)
         self.fields = self._nominal.fields
-        self.action_space, self.observation_space = make_spaces(self.prior_task)
+        self._scenario = self._checked_scenario(scenario)
+        self.action_space, self.observation_space = make_spaces(self.prior_task, observation_type(dtype))
         self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, 1)
         self._memory = batch_memory(self.prior_task, 1)
         self._episode: Episode | None = None
@@ -163,12 +180,15 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
 
         Raises:
             ValueError: for an unknown option.
-            ConfigError: for a scenario that is not valid.
+            ConfigError: for a scenario that is not valid, or whose episodes would begin outside of the space.
+            gymnasium.error.Error: for a seed that is no whole number from 0 on.
         """
+        asked, seed = check_options(options, ("scenario",)), check_seed(seed)
+        scenario = self._checked_scenario(asked["scenario"]) if asked else self.scenario
         super().reset(seed=seed)
-        self.scenario = scenario_option(self.scenario, options)
-        episode = draw(self._distribution(), self._nominal, self.np_random)
-        self._take(episode)
+        self._scenario = scenario
+        episode = draw(self._distribution(scenario), self._nominal, self.np_random)
+        self._take(episode, plant_of(self.prior_task, episode))
         self._start(episode)
         self._note()
         return self._observed(), self._info()
@@ -177,7 +197,7 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold an action for one control period.
 
         Raises:
-            ValueError: for an action of the wrong shape or with NaN.
+            ValueError: for an action that is no array of real numbers, of the wrong shape, or with NaN.
             gymnasium.error.ResetNeeded: before the first reset.
         """
         ticks = self.ticks
@@ -217,6 +237,11 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         return self._episode
 
     @property
+    def plant_task(self) -> TaskModel:
+        """The robot of this episode as it is, packed; :attr:`prior_task` is what the controllers believe."""
+        return self._plant_task
+
+    @property
     def reference(self) -> Reference:
         """The desired motion of this episode."""
         return self.episode.reference
@@ -231,45 +256,31 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """Length of this episode in control periods."""
         return self.episode.ticks
 
-    @property
-    def time(self) -> float:
-        """Time since the start of the episode [s]."""
-        return float(self._batch.tick[0] * self.prior_task.period)
+    def _kept(self) -> dict[str, Any]:
+        return super()._kept() | {
+            "batch": self._batch, "episode": self._episode, "rng": self.np_random, "seed": self.np_random_seed,
+            "trace": None if self._renderer is None or self._episode is None else self._renderer.past(),
+        }  # fmt: skip
 
-    @property
-    def positions(self) -> Array:
-        """A copy of the plant's positions ``p`` (n,), laid out as ``sffr_gym.physics.model`` says."""
-        return self._batch.p[0].copy()
+    def _form(self) -> dict[str, Any]:
+        return super()._form() | {"episode": None, "trace": None}
 
-    @property
-    def velocities(self) -> Array:
-        """A copy of the plant's velocities ``v`` (n,)."""
-        return self._batch.v[0].copy()
+    def _check(self, kept: dict[str, Any]) -> TaskModel:
+        """Return the plant of a state; see the base class."""
+        check_batch(kept["batch"], self.prior_task)
+        if kept["episode"] is None:
+            return self.prior_task
+        if self._renderer is not None and kept["trace"] is not None:
+            self._renderer.check(kept["trace"], visible(kept["batch"], 0))
+        return check_episode(kept["episode"], self._nominal, self.prior_task)
 
-    def state(self) -> State:
-        """The plant's state in the paper's coordinates, for :class:`Simulator` and plots."""
-        return unflatten(self.plant_task.model, self.time, self._batch.p[0], self._batch.v[0])
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
-        kept = {"batch": self._batch, "rng": self.np_random, "scenario": self.scenario, "episode": self._episode}
-        kept["trace"] = None if self._renderer is None or self._episode is None else self._renderer.past()
-        return copy.deepcopy(kept)
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        state = copy.deepcopy(dict(state))
-        self._batch, self.np_random, self.scenario = state["batch"], state["rng"], state["scenario"]
-        if state["episode"] is not None:
-            self._take(state["episode"])
-            if self._renderer is None or state["trace"] is None:
-                self._note()
-            else:
-                self._renderer.restore(state["trace"], visible(self._batch, 0))
-
-    def _distribution(self) -> Scenario:
-        """What episodes are drawn from."""
-        return self.scenario
+    def _put(self, kept: dict[str, Any], checked: TaskModel) -> None:
+        self._batch, self._scenario = kept["batch"], kept["scenario"]
+        self._np_random, self._np_random_seed = kept["rng"], kept["seed"]
+        self._take(kept["episode"], checked)
+        if self._renderer is not None and kept["episode"] is not None:
+            self._renderer.restore(kept["trace"], visible(self._batch, 0))
+            self._note()  # which begins a trace where there is none
 
     def _start(self, episode: Episode) -> None:
         """Put the plant at the start of an episode."""
@@ -279,17 +290,16 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         """Hold an action (1, n_u)."""
         step_batch(self._fleet, self._batch, self._memory, actions, ONE)
 
-    def _observed(self) -> Array:
+    def _observed(self) -> np.ndarray:
         """A copy of what an agent sees now."""
-        return self._batch.obs[0].copy()
+        return self._batch.obs[0].astype(self.observation_space.dtype)
 
-    def _take(self, episode: Episode) -> None:
+    def _take(self, episode: Episode | None, plant: TaskModel) -> None:
         """Make an episode and its plant this one's."""
         self._episode = episode
-        plant = plant_of(self.prior_task, episode)
-        if plant is not self.plant_task:  # packing one takes as long as all the rest of a reset
-            self.plant_task, self._fleet = plant, make_fleet(plant)
-        if self._renderer is not None:
+        if plant is not self._plant_task:  # packing one takes as long as all the rest of a reset
+            self._plant_task, self._fleet = plant, make_fleet(plant)
+        if self._renderer is not None and episode is not None:
             self._renderer.start(episode.plant, episode.reference, self.scenario.name)
 
     def _note(self) -> None:
@@ -306,36 +316,6 @@ class SFFRFlexEnv(gym.Env[np.ndarray, np.ndarray]):
         batch = self._batch
         info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
         info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
-        info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": REASONS[int(batch.status[0])]}
-        cost, applied = float(batch.cost[0]), batch.applied[0].copy()
-        return info | {"cost": cost, "applied": applied, "drawn": dict(self.episode.drawn)}
-
-
-def resolve_params(params: ParamsLike, overrides: tuple[str, ...] | list[str]) -> Params:
-    """Parameters from an object, a path or None, with overrides on top; raises ConfigError."""
-    resolved = params if isinstance(params, Params) else load_params(params)
-    return resolved.with_overrides(*overrides)
-
-
-def make_spaces(prior: TaskModel) -> tuple[gym.spaces.Box, gym.spaces.Box]:
-    """Action and observation space of one environment."""
-    action = gym.spaces.Box(-1.0, 1.0, (len(prior.scale),), np.float32)
-    return action, gym.spaces.Box(-prior.bound, prior.bound, dtype=np.float64)
-
-
-def scenario_option(scenario: Any, options: Mapping[str, Any] | None) -> Any:
-    """The scenario that ``reset`` options ask for; raises ValueError for an unknown option."""
-    unknown = set(options or {}) - {"scenario"}
-    if unknown:
-        raise ValueError(f"unknown reset option {sorted(unknown)}; known: ['scenario']")
-    return load_scenario(options["scenario"]) if options and "scenario" in options else scenario
-
-
-def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
-    """An action as float64; raises ValueError for a wrong shape or NaN."""
-    array = np.asarray(action, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"action must have shape {shape}, got {array.shape}")
-    if np.isnan(array).any():
-        raise ValueError(f"action has NaN at {np.argwhere(np.isnan(array)).ravel().tolist()}")
-    return array
+        info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": Failure(int(batch.status[0]))}
+        info |= {"cost": float(batch.cost[0]), "applied": batch.applied[0].copy()}
+        return info | ({"drawn": dict(self.episode.drawn)} if self.episode.drawn else {})

@@ -2,43 +2,43 @@
 
 from __future__ import annotations
 
-import copy
-import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from numpy.typing import DTypeLike
 
-from sffr_gym.envs.batch import N_REFERENCE, batch_memory, make_batch, start_episode, step_batch, visible
-from sffr_gym.envs.fleet import make_fleet, put_plant
-from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderers
-from sffr_gym.envs.single import (
+from sffr_gym.config.params import Params
+from sffr_gym.envs.arguments import (
     ParamsLike,
-    check_action,
-    make_spaces,
+    ScenarioLike,
+    check_options,
+    check_seed,
+    is_whole,
+    observation_type,
     resolve_params,
-    scenario_option,
+    step_limit,
 )
+from sffr_gym.envs.base import RobotEnvironment
+from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
+from sffr_gym.envs.fleet import make_fleet, put_plant
+from sffr_gym.envs.infos import Drawn, Infos, Mask, batch_infos, masked, objects
+from sffr_gym.envs.member import Member
+from sffr_gym.envs.pictures import RENDER_EVERY, check_pictures, frame_rate, make_renderers
+from sffr_gym.envs.spaces import check_action, make_spaces
+from sffr_gym.envs.state import MOST_TICKS, check_batch, check_drawn, check_fleet, check_range
 from sffr_gym.render.trace import Past
-from sffr_gym.task.episode import Episode, draw, drawn_plant, nominal
-from sffr_gym.task.reference import Reference
-from sffr_gym.task.reward import REWARDS
-from sffr_gym.task.scenario import Scenario, load_scenario
-from sffr_gym.task.signals import SIGNALS
-from sffr_gym.task.status import REASONS, RUNNING
+from sffr_gym.task.episode import Episode, draw, nominal
+from sffr_gym.task.status import RUNNING
 from sffr_gym.task.task_model import make_task_model, plant_of
 from sffr_gym.types import Array
 
-Mask = np.ndarray
-Infos = dict[str, Any]
-STATE = ("scenario", "_fleet", "_batch", "_rngs", "_drawn", "_ticks", "_done", "_seeded")
 
-
-class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many independent ``SFFRFlex-v0`` environments; spaces, reward and episode as in :class:`SFFRFlexEnv`.
 
     Environment ``i`` reset with seed ``s`` (or ``seed=s - i`` for all) goes through the same states as a single
@@ -46,59 +46,69 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Args:
         num_envs: number of environments.
-        max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over.
-        scenario, params, overrides, render_every: as for the single environment.
+        max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over; None or -1
+            for no limit beside that.
+        scenario, params, overrides, dtype, render_every: as for the single environment.
         render_mode: None or ``rgb_array``, see :meth:`render`.
         autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
             (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
             episode; ``infos["final_obs"]`` and ``infos["final_info"]`` have the last ones) or ``DISABLED`` (call
             ``reset(options={"reset_mask": mask})``).
 
-    ``infos`` has the keys of the single environment, each an array over environments with its mask ``_key``.
+    ``infos`` has the keys of the single environment, each an array over environments with its mask ``_key``;
+    ``infos["failure"]`` has the numbers of ``task.status.Failure``. The wrappers of Gymnasium for vector environments
+    work, and ``get_attr`` and ``call`` read what each environment has of its own, such as ``call("state")``.
     """
+
+    OF_ALL: ClassVar[tuple[str, ...]] = ("params", "scenario", "fields", "prior_task", "render_mode")
+    OF_EACH: ClassVar[tuple[str, ...]] = ()  # attributes with a row for each environment
 
     def __init__(
         self,
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
-        scenario: str | os.PathLike[str] = "nominal",
+        scenario: ScenarioLike = "nominal",
         params: ParamsLike = None,
-        overrides: tuple[str, ...] | list[str] = (),
+        overrides: Sequence[str] = (),
         render_mode: str | None = None,
-        render_every: float = RENDER_EVERY,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        dtype: DTypeLike = "float64",
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environments.
 
         Raises:
-            ConfigError: for parameters, a scenario or a time between pictures that are not valid.
-            ValueError: for a number of environments below 1, an unknown autoreset or render mode.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid, or a scenario whose
+                episodes would begin outside of the observation space.
+            ValueError: for a number of environments or steps below 1, an unknown autoreset or render mode or type of
+                observations.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        if not is_whole(num_envs) or num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs!r}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        self.num_envs = num_envs
+        self.num_envs = num_envs = int(num_envs)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.params = resolve_params(params, overrides)
-        self.scenario = load_scenario(scenario)
         self.prior_task = make_task_model(self.params)
         self._nominal = nominal(self.params)
         self.fields = self._nominal.fields
-        self.single_action_space, self.single_observation_space = make_spaces(self.prior_task)
+        self._scenario = self._checked_scenario(scenario)
+        spaces = make_spaces(self.prior_task, observation_type(dtype))
+        self.single_action_space, self.single_observation_space = spaces
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._max_steps = max_episode_steps
+        self._max_steps = step_limit(max_episode_steps)
         self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, num_envs)
         self._memory = batch_memory(self.prior_task, num_envs)
-        self._rngs: list[np.random.Generator] = [np.random.default_rng()] * num_envs
-        self._drawn: dict[str, tuple[Array, Mask]] = {}  # values, and which environments drew one
+        seeded = [seeding.np_random() for _ in range(num_envs)]
+        self._rngs, self._seeds = [rng for rng, _ in seeded], [seed for _, seed in seeded]
+        self._drawn: Drawn = {}
         self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
-        self._seeded = False
         self._all = np.ones(num_envs, dtype=np.bool_)
         self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every)
         self.metadata = {
@@ -112,15 +122,21 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[Array, Infos]:
         """Reset all environments, or those of ``options["reset_mask"]`` (bool array).
 
-        An integer seed gives environment i the seed ``seed + i``. ``options["scenario"]`` changes the scenario.
+        An integer seed gives environment i the seed ``seed + i``. ``options["scenario"]`` changes the scenario. When it
+        raises, everything stays as it was.
 
         Raises:
             ValueError: for a mask or list of seeds of the wrong length or type, or an unknown option.
+            ConfigError: for a scenario that is not valid, or whose episodes would begin outside of the space.
+            gymnasium.error.Error: for a seed that is no whole number from 0 on.
         """
-        options = dict(options or {})
-        mask = self._reset_mask(options.pop("reset_mask", None))
-        self.scenario = scenario_option(self.scenario, options)
-        self._seed(seed, mask)
+        asked = check_options(options, ("scenario", "reset_mask"))
+        mask, seeds = self._reset_mask(asked.get("reset_mask")), self._check_seeds(seed)
+        if "scenario" in asked:
+            self._scenario = self._checked_scenario(asked["scenario"])
+        for i in np.flatnonzero(mask).tolist():
+            if seeds[i] is not None:
+                self._rngs[i], self._seeds[i] = seeding.np_random(seeds[i])
         self._restart(mask)
         return self._observed(), self._infos(mask)
 
@@ -128,7 +144,7 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Hold one action (n, 15) for each environment for one control period.
 
         Raises:
-            ValueError: for actions of the wrong shape or with NaN.
+            ValueError: for what is no array of real numbers, actions of the wrong shape, or with NaN.
             gymnasium.error.ResetNeeded: before the first reset, or with DISABLED autoreset for a finished environment.
         """
         if not self._ticks.all():
@@ -151,12 +167,8 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             last, final = self._done.copy(), infos
             self._restart(last)
             infos = self._infos(self._all)
-            infos |= {
-                "final_obs": obs,
-                "_final_obs": last,
-                "final_info": _masked(final, last),
-                "_final_info": last.copy(),
-            }
+            infos |= {"final_info": masked(final, last), "_final_info": last.copy()}
+            infos |= {"final_obs": objects(obs, last), "_final_obs": last}
             obs = self._observed()
         return obs, reward, terminated, truncated, infos
 
@@ -176,22 +188,76 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise gym.error.ResetNeeded("call reset for every environment before render")
         return tuple(picture for renderer in self._renderers if (picture := renderer.render()) is not None)
 
-    def get_state(self) -> dict[str, Any]:
-        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
+    @property  # type: ignore[override]  # a tuple, as SyncVectorEnv has it
+    def np_random(self) -> tuple[np.random.Generator, ...]:
+        """What the episodes of each environment are drawn with."""
+        return tuple(self._rngs)
+
+    @np_random.setter  # type: ignore[override]
+    def np_random(self, generators: Sequence[np.random.Generator]) -> None:
+        if len(generators) != self.num_envs or not all(isinstance(each, np.random.Generator) for each in generators):
+            raise ValueError(f"np_random must be {self.num_envs} of numpy's generators, got {generators!r}")
+        self._rngs, self._seeds = list(generators), [-1] * self.num_envs
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each environment's generator; -1 if that is not known."""
+        return tuple(self._seeds)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of each environment, such as ``state``, or read an attribute; see :class:`member.Member`.
+
+        Raises:
+            AttributeError: for what single environments of a batch do not have; the message says what to use instead.
+        """
+        found = [Member(self, i).read(name) for i in range(self.num_envs)]
+        return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of each environment, such as ``time``; see :meth:`call`."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Raise AttributeError, which says what to do instead: environments of a batch have no attributes to set.
+
+        Only ``np_random`` can be set, to a generator for each environment.
+        """
+        if name != "np_random":
+            known = self.SETTLED.get(name, "what the environments of a batch have is settled when it is built")
+            raise AttributeError(f"{name} cannot be set for the environments of a batch: {known}")
+        self.np_random = values
+
+    def _kept(self) -> dict[str, Any]:
+        return super()._kept() | {
+            "fleet": self._fleet, "batch": self._batch, "rngs": self._rngs, "seeds": self._seeds, "drawn": self._drawn,
+            "ticks": self._ticks, "done": self._done, "trace": self._pasts(),
+        }  # fmt: skip
+
+    def _pasts(self) -> list[Past | None] | None:
+        """What pictures show of each environment that was reset; None without pictures."""
         begun = zip(self._renderers, self._ticks, strict=False)
-        pasts = [renderer.past() if ticks else None for renderer, ticks in begun] or None
-        return copy.deepcopy({name: getattr(self, name) for name in STATE} | {"trace": pasts})
+        return [renderer.past() if ticks else None for renderer, ticks in begun] or None
 
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what :meth:`get_state` returned."""
-        for name in STATE:
-            setattr(self, name, copy.deepcopy(state[name]))
-        for i in np.flatnonzero(self._ticks[: len(self._renderers)]).tolist():
-            self._restore_picture(i, state["trace"] and state["trace"][i])
+    def _form(self) -> dict[str, Any]:
+        return super()._form() | {"fleet": None, "drawn": None, "trace": None}
 
-    def _distribution(self) -> Scenario:
-        """What episodes are drawn from."""
-        return self.scenario
+    def _check(self, kept: dict[str, Any]) -> dict[int, Params]:
+        """Return the plants to draw, by environment; see the base class."""
+        check_batch(kept["batch"], self.prior_task)
+        check_fleet(kept["fleet"], self.prior_task, self.num_envs)
+        kept["drawn"] = check_drawn(kept["drawn"], self.num_envs)
+        check_range(kept["ticks"], 0, MOST_TICKS, "state.ticks")
+        return check_pictures(self._renderers, kept, self.params)
+
+    def _put(self, kept: dict[str, Any], checked: dict[int, Params]) -> None:
+        for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
+            setattr(self, f"_{name}", kept[name])
+        for i, plant in checked.items():
+            past = kept["trace"] and kept["trace"][i]
+            title = self.scenario.name if past is None else past.title
+            self._renderers[i].start(plant, Member(self, i).reference, title, f"environment {i}")
+            self._renderers[i].restore(past, visible(self._batch, i))
+            self._record([i])  # which begins a trace where there is none
 
     def _start(self, i: int, episode: Episode) -> None:
         """Put environment ``i`` at the start of an episode."""
@@ -212,27 +278,15 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             for i in rows:
                 self._renderers[i].record(visible(batch, i), batch.signals[i], damping[i])
 
-    def _restore_picture(self, i: int, past: Past | None) -> None:
-        """Let environment ``i`` be drawn as it was; without a past, its trace begins at the present state."""
-        renderer, numbers = self._renderers[i], self._batch.reference[i]
-        reference = Reference._make([*numbers[:N_REFERENCE].tolist(), numbers[N_REFERENCE:].copy()])
-        drawn = {name: float(values[i]) for name, (values, has) in self._drawn.items() if has[i]}
-        title = self.scenario.name if past is None else past.title
-        renderer.start(drawn_plant(self.params, drawn), reference, title, f"environment {i}")
-        if past is None:
-            self._record([i])
-        else:
-            renderer.restore(past, visible(self._batch, i))
-
-    def _observed(self) -> Array:
+    def _observed(self) -> np.ndarray:
         """A copy of what agents see now."""
-        return self._batch.obs.copy()
+        return self._batch.obs.astype(self.observation_space.dtype)
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""
         for _, has in self._drawn.values():
             has[mask] = False
-        scenario = self._distribution()
+        scenario = self._distribution(self.scenario)
         if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.prior_task, self.num_envs)  # until here all were alike
         for i in np.flatnonzero(mask):
@@ -250,17 +304,14 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
         self._done[mask] = False
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: Mask) -> None:
-        """Give the masked environments new generators where seeds say so, all of them at the first reset."""
-        seeds = [seed] * self.num_envs if seed is None else seed
-        if isinstance(seeds, int | np.integer):
-            seeds = [int(seeds) + i for i in range(self.num_envs)]
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be an integer or {self.num_envs} of them, got {len(seeds)}")
-        for i in np.flatnonzero(mask).tolist():
-            if seeds[i] is not None or not self._seeded:
-                self._rngs[i], _ = seeding.np_random(seeds[i])
-        self._seeded = True
+    def _check_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        """Return a seed for each environment, None for those that go on with their generator."""
+        if isinstance(seed, list | tuple | range | np.ndarray) and np.shape(seed):
+            if len(seed) != self.num_envs:
+                raise ValueError(f"seed must be an integer or {self.num_envs} of them, got {len(seed)}")
+            return [check_seed(each) for each in seed]
+        first = check_seed(seed)
+        return [None if first is None else first + i for i in range(self.num_envs)]
 
     def _reset_mask(self, mask: Any) -> Mask:
         """The environments to reset."""
@@ -274,32 +325,4 @@ class SFFRFlexVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _infos(self, mask: Mask) -> Infos:
         """The single environment's info, an array and a mask for each key."""
-        batch = self._batch
-        infos: Infos = dict(zip(SIGNALS, batch.signals.T.copy(), strict=True))
-        infos |= {f"reward_{name}": column for name, column in zip(REWARDS, batch.terms.T.copy(), strict=True)}
-        infos |= {
-            "time": batch.tick * self.prior_task.period,
-            "clipped": batch.clipped.copy(),
-            "failure": _TEXTS[batch.status],
-        }
-        infos |= {"cost": batch.cost.copy(), "applied": batch.applied.copy()}
-        infos = _masked(infos, mask)
-        drawn: Infos = {}
-        for name, (values, has) in self._drawn.items():
-            if (has & mask).any():
-                drawn |= {name: values.copy(), f"_{name}": has & mask}
-        return infos | {"drawn": drawn, "_drawn": mask.copy()}
-
-
-_TEXTS = np.array([REASONS[code] for code in sorted(REASONS)], dtype=object)
-
-
-def _masked(infos: Infos, mask: Mask) -> Infos:
-    """The infos with a mask beside each key, which leaves no more than it did."""
-    masked: Infos = {}
-    for key, value in infos.items():
-        if key.startswith("_"):
-            continue
-        masked[key] = _masked(value, mask) if isinstance(value, dict) else value
-        masked[f"_{key}"] = infos.get(f"_{key}", mask) & mask
-    return masked
+        return batch_infos(self._batch, self.prior_task.period, self._drawn, mask)

@@ -26,14 +26,26 @@ def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
     """
     p, v = np.zeros(model.at.end), np.zeros(model.at.end)
     rigid = slice(0, joint_slice(model).stop)
-    p[rigid], v[rigid] = params.initial.q, params.initial.qd
+    p[rigid] = params.initial.q
+    if params.initial.qd is not None:
+        v[rigid] = params.initial.qd
     p[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qf))
     v[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qfd))
     if params.object is not None:
         p[object_slice(model)] = _object_pose(model, p[rigid], v[rigid])
         close_grasps(model, p)
+    if params.initial.qd is None:
+        v[:N_BASE] = _along_path(params, p[:2], p[object_slice(model)][:2] if params.object else p[:2])
+    if params.object is not None:
         match_velocities(model, p, v)
     return p, v
+
+
+def _along_path(params: Params, base: Array, carried: Array) -> Array:
+    """Return the velocity (3,) of the base with which the body at ``carried`` moves along the path, all as one."""
+    path = params.path
+    turn = path.speed / path.radius if path.heading == "tangent" else 0.0
+    return np.append(np.array([path.speed, 0.0]) + turn * perpendicular(base - carried), turn)
 
 
 def tip_displacement(params: Params, model: Model, tip: tuple) -> Array:

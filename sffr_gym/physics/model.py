@@ -36,6 +36,7 @@ import numpy as np
 from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.workspace import Constant, Integers
 from sffr_gym.config.params import Params
+from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.beam import N_TIP, Beam, Modes, beam, clamped_modes
 from sffr_gym.physics.staggered import longest_stable_step
 from sffr_gym.types import Array, IntArray
@@ -45,6 +46,7 @@ N_BODY = 3  # a planar body's coordinates: the object's
 RINGING = 0.9  # a stiff mode that keeps more than this of its amplitude over a step rings on
 LARGEST_TURN = 2.4  # rad that the clamped frequency of such a mode may turn in a step
 RK4_TURN = 2.0  # rad that any clamped frequency may turn in a step of the classical method, stable up to 2.8
+MOST_STEPS = 10_000  # in a control period: some 20 ms of computing for 2 ms of a robot's
 STIFF = 0.2  # modes whose natural frequency times the step exceeds this go into the exponential part of the integrator
 
 
@@ -188,7 +190,11 @@ def object_slice(model: Model) -> slice:
 
 
 def pack(params: Params) -> Model:
-    """Turn validated parameters into the arrays of the kernels."""
+    """Turn validated parameters into the arrays of the kernels.
+
+    Raises:
+        ConfigError: if a control period would take more integration steps than anyone can wait for.
+    """
     links = [link for arm in params.arms for link in arm.links]
     panel, mounts = params.panel, params.panel.mounts
     shape = panel_beam(params)
@@ -196,6 +202,7 @@ def pack(params: Params) -> Model:
     omega2 = modes.omega**2
     is_axial = np.arange(len(omega2)) < modes.n_axial
     longest_step = _longest_step(params, shape, modes)
+    _check_steps(params, modes, longest_step)
     is_stiff = modes.omega * longest_step > STIFF
     gyro = modes.shapes[:, ~is_axial].T @ shape.N @ modes.shapes[:, is_axial]
     names = [arm.name for arm in params.arms]
@@ -274,6 +281,17 @@ def _longest_step(params: Params, shape: Beam, modes: Modes) -> float:
     decay = np.exp(-0.5 * params.panel.strain_rate_damping * omega**2 * longest)
     ringing = omega[(decay > RINGING) & (omega * longest > LARGEST_TURN)]
     return LARGEST_TURN / ringing.max() if len(ringing) else longest
+
+
+def _check_steps(params: Params, modes: Modes, longest: float) -> None:
+    """Raise ConfigError if steps of at most ``longest`` [s] make a control period take for ever."""
+    steps = params.control.period / longest
+    if steps > MOST_STEPS:
+        raise ConfigError(
+            f"control.period = {params.control.period:g}: would take about {steps:.1g} integration steps of "
+            f"{longest:.1g} s, at most {MOST_STEPS}: shorten it, lengthen simulation.max_step, or leave out fast modes "
+            f"(up to {modes.omega.max(initial=0.0):.3g} rad/s) with panel.axial_cut and panel.bending_cut"
+        )
 
 
 def panel_beam(params: Params) -> Beam:

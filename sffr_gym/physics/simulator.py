@@ -33,6 +33,8 @@ from sffr_gym.physics.model import (
 from sffr_gym.types import Array
 
 RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
+SHORTEST_STEP = 1.0e-9  # s; what moves less far in it than a position is rounded
+MOST_STEPS = 10**7  # integration steps of a call, some ten seconds of computing that nothing interrupts
 
 
 @dataclass(frozen=True)
@@ -117,18 +119,20 @@ class Simulator:
                 for panels without damping, the classical method, or the staggered coupling.
 
         Raises:
-            ValueError: for a wrong shape or a number that is not finite, in the state or the forces, a duration that is
-                not positive, or both ``piezo_tau`` and ``piezo_volts``.
+            ValueError: for a state of another robot, a wrong shape, what is no finite number, in the state or the
+                forces, a duration that is not positive, too short to move anything or too long to be computed in one
+                call, or both ``piezo_tau`` and ``piezo_volts``.
+            FloatingPointError: if the motion grows beyond all numbers within ``dt``.
         """
-        dt = self.params.control.period if dt is None else float(dt)
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise ValueError(f"dt must be a positive number of seconds, got {dt}")
+        dt = self._duration(dt)
         applied = self.applied(base, joints, piezo_tau, piezo_volts)
         tau = self._forces(applied)
         tau[:3] += _vector("wrench", wrench, (3,))
         p, v = self._flat(state)
         advance(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
-        return self.unflatten(state.t + dt, p, v)
+        if not (np.isfinite(p).all() and np.isfinite(v).all()):
+            raise FloatingPointError(f"the motion grows beyond all numbers within dt = {dt:g} s")
+        return unflatten(self.model, state.t + dt, p, v)
 
     def applied(
         self,
@@ -155,6 +159,7 @@ class Simulator:
     def split(self, command: Array) -> tuple[Array, Array, Array]:
         """Return a command's (n_u,) piezo voltages (n_p, n_c), thrust (3,) and joint torques (n_l,)."""
         n_p, _, n_c = self.actuators.K_PZ.shape
+        command = _vector("command", command, self.actuators.limit.shape)
         volts, base, joints = np.split(command, [n_p * n_c, n_p * n_c + N_BASE])
         return volts.reshape(n_p, n_c), base, joints
 
@@ -209,6 +214,7 @@ class Simulator:
 
     def constraint_drift(self, state: State) -> float:
         """Return the largest distance of a gripper from its grasp point [m]; 0 without an object."""
+        self._check(state)
         if state.obj is None:
             return 0.0
         _, gap = monolithic.constraint_jacobian(self.model, state.q, state.qd, state.obj)
@@ -219,6 +225,7 @@ class Simulator:
 
         Of the panels' modes below the cuts; with an object, of the motion that the pins allow.
         """
+        self._check(state)
         n = len(state.q)
         modes = block_diag(np.eye(n), *self.model.shapes)
         M = modes.T @ self._assembled(state)[0] @ modes
@@ -254,27 +261,57 @@ class Simulator:
         return tau
 
     def _assembled(self, state: State) -> tuple[Array, Array]:
+        self._check(state)
         return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
+
+    def _duration(self, dt: float | None) -> float:
+        """Return the duration of a step [s]; raise ValueError for what is none, or cannot be computed."""
+        if dt is None:
+            return self.params.control.period
+        if isinstance(dt, bool) or not isinstance(dt, int | float | np.floating | np.integer) or not 0.0 < dt < np.inf:
+            raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
+        if dt < SHORTEST_STEP:
+            raise ValueError(f"dt must be at least {SHORTEST_STEP:g} s, got {dt!r}: nothing moves in less")
+        if dt > (longest := MOST_STEPS * self.model.longest_step):
+            raise ValueError(
+                f"dt must be at most {longest:.3g} s, got {dt!r}: it would take more than {MOST_STEPS:.0e} integration "
+                "steps; call step several times"
+            )
+        return float(dt)
+
+    def _check(self, state: State) -> None:
+        """Raise ValueError if a state is not this robot's."""
+        if not isinstance(state, State):
+            raise ValueError(f"state must be a State, got {type(state).__name__}")
+        n, elastic, body = (joint_slice(self.model).stop,), self.model.shapes.shape[:2], object_slice(self.model)
+        shapes: dict[str, tuple[int, ...]] = {"t": (), "q": n, "qd": n, "qf": elastic, "qfd": elastic}
+        if body.stop > body.start:
+            shapes |= {"obj": (3,), "objd": (3,)}
+        elif state.obj is not None or state.objd is not None:
+            raise ValueError("state.obj and state.objd must be None for a robot that carries no object")
+        for name, shape in shapes.items():
+            if (value := getattr(state, name)) is None:
+                raise ValueError(f"state.{name} must have shape {shape}, got None")
+            _vector(f"state.{name}", value, shape)
 
     def _flat(self, state: State) -> tuple[Array, Array]:
         """Return positions and velocities ``p, v`` (n,) of a state; raise ValueError if it is not this robot's."""
-        n, elastic, body = joint_slice(self.model).stop, self.model.shapes.shape[:2], object_slice(self.model)
-        shapes = {"q": (n,), "qd": (n,), "qf": elastic, "qfd": elastic}
-        if body.stop > body.start:
-            shapes |= {"obj": (3,), "objd": (3,)}
-        for name, shape in shapes.items():
-            value = getattr(state, name)
-            if np.shape(value) != shape or not np.isfinite(value).all():
-                raise ValueError(f"state.{name} must be finite and have shape {shape}, got {value!r}")
+        self._check(state)
         p, v = (
-            np.concatenate([rigid, modal(self.model, elastic), [] if body is None else body])
+            np.concatenate([rigid, modal(self.model, np.asarray(elastic)), [] if body is None else body], dtype=float)
             for rigid, elastic, body in ((state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd))
         )
         return p, v
 
     def unflatten(self, t: float, p: Array, v: Array) -> State:
-        """Return the state whose flat positions and velocities, as the kernels have them, are ``p, v`` (n,)."""
-        return unflatten(self.model, t, p, v)
+        """Return the state whose flat positions and velocities, as the kernels have them, are ``p, v`` (n,).
+
+        Raises:
+            ValueError: for another shape, or what is no finite number.
+        """
+        shape = (self.model.at.end,)
+        t = float(_vector("t", t, ()))
+        return unflatten(self.model, t, _vector("p", p, shape), _vector("v", v, shape))
 
 
 def unflatten(model: Model, t: float, p: Array, v: Array) -> State:
@@ -291,9 +328,15 @@ def _vector(name: str, value: ArrayLike | None, shape: tuple[int, ...]) -> Array
     """Return a finite array of the given shape, zeros for None; raise ValueError for anything else."""
     if value is None:
         return np.zeros(shape)
-    array = np.asarray(value, dtype=np.float64)
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must have shape {shape}, got lists of different lengths") from None
+    if array.dtype.kind not in "iuf":  # not booleans, texts, complex numbers, and what is larger than any float
+        raise ValueError(f"{name} must consist of real numbers, got {array.dtype} {value!r}")
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+    array = array.astype(np.float64)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has entries that are not finite: {array.tolist()}")
     return array

@@ -22,6 +22,7 @@ from sffr_gym.physics.beam import Beam, Modes
 from sffr_gym.types import Array
 
 FASTEST_GROWTH = 0.01  # 1/s; the virtual damping and the panels' own take out more
+MOST_MODES = 100  # of all panels: the search for a stable step takes a minute, and grows with the third power
 TRIED_STEPS = 2.0 ** (-np.arange(48, -1, -1) / 4)  # of the configured longest step, rising
 
 
@@ -31,8 +32,14 @@ def longest_stable_step(params: Params, shape: Beam, modes: Modes) -> float:
     Arms and object are left out: what they add to the base's inertia calms the coupling.
 
     Raises:
-        ConfigError: if there is none, as for panels without damping.
+        ConfigError: if there is none, as for panels without damping, or if the search would take too long.
     """
+    count = params.n_panels * len(modes.omega)
+    if count > MOST_MODES:
+        raise ConfigError(
+            f"simulation.coupling = staggered: the panels have {count} modes, of which a stable step can be found for "
+            f"at most {MOST_MODES}; take exact, fewer panel.elements, or lower panel.axial_cut and panel.bending_cut"
+        )
     omega2 = np.tile(modes.omega**2, params.n_panels)
     C, eta = base_answer(params, shape, modes), params.panel.strain_rate_damping
     stable = 0.0

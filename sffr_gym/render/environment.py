@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.template import conform
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.render.renderer import Renderer, Snapshot
 from sffr_gym.render.trace import Moment, Past, Trace
@@ -13,6 +16,8 @@ from sffr_gym.task.reference import Reference
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.task.status import REASONS, RUNNING
 from sffr_gym.types import Array
+
+FAR = 1.0e12  # m, rad, J, N, ... and their rates; what a state from outside may have that is drawn
 
 
 class EnvironmentRenderer:
@@ -79,24 +84,38 @@ class EnvironmentRenderer:
         assert self._moment is not None  # there is one since the first reset
         return Past(self._renderer.title, self._trace.rows(), self._moment)
 
-    def restore(self, past: Past, present: Moment) -> None:
-        """Put back what :meth:`past` returned.
+    def check(self, past: Any, present: Moment, where: str = "state.trace") -> None:
+        """Make sure that what came from outside can be drawn.
 
         Args:
-            past: of this robot.
-            present: the state that it belongs to, which is what is drawn if it is the moment to draw.
+            past: what should be of the form of :meth:`past`.
+            present: the state that it belongs to, which is sound.
+            where: its place, for messages.
 
         Raises:
-            ValueError: if it is of another robot.
+            ValueError: if it is of another robot or damaged.
         """
-        kept = present if past.moment.tick == present.tick else past.moment
-        arrays = [(getattr(kept, name), getattr(present, name)) for name in ("p", "v", "applied")]
-        if any(np.shape(a) != np.shape(b) or not np.isfinite(a).all() for a, b in arrays):
-            raise ValueError("the state's picture is that of a robot with other coordinates or actuators, or damaged")
-        if kept.status not in REASONS:
-            raise ValueError(f"the state's picture has the status {kept.status}; known: {sorted(REASONS)}")
-        self._trace.restore(past.rows)
-        self._moment, self._drawn = kept.copy(), None
+        rows, columns = np.shape(getattr(past, "rows", ()))[:1], self._trace.columns
+        conform(past, Past("", np.zeros((*rows, columns)), present), where)
+        limits = {"tick": (0, present.tick), "p": (-FAR, FAR), "v": (-FAR, FAR), "applied": (-FAR, FAR)}
+        for name, (low, high) in limits.items():
+            if not np.all((low <= (values := getattr(past.moment, name))) & (values <= high)):
+                raise ValueError(f"{where}.moment.{name}: must lie from {low:g} to {high:g}")
+        if past.moment.status not in REASONS:
+            raise ValueError(f"{where}.moment.status: is {past.moment.status}; known: {sorted(REASONS)}")
+        if not (np.abs(past.rows) <= FAR).all():
+            raise ValueError(f"{where}.rows: must lie from {-FAR:g} to {FAR:g}")
+
+    def restore(self, past: Past | None, present: Moment) -> None:
+        """Put back what :meth:`past` returned, if there is something; call between :meth:`start` and :meth:`record`.
+
+        Args:
+            past: as :meth:`check` lets it through; None for a state whose past is not known.
+            present: the state that it belongs to, which is what is drawn if it is the moment to draw.
+        """
+        if past is not None:
+            self._trace.restore(past.rows)
+            self._moment = (present if past.moment.tick == present.tick else past.moment).copy()
 
     def close(self) -> None:
         """Close the window, if there is one."""

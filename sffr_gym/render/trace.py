@@ -46,6 +46,9 @@ class Trace:
         n_panels: number of panels [-].
         damped: whether rows have the damping, too.
         reserve: how long after a moment its rows are still asked for [s].
+
+    Attributes:
+        columns: of a row.
     """
 
     SPAN, EVERY = 20.0, 0.05
@@ -53,7 +56,7 @@ class Trace:
     def __init__(self, period: float, n_panels: int, damped: bool = False, reserve: float = 0.0) -> None:
         self._period = period
         self._stride = max(round(self.EVERY / period), 1)
-        self._columns = TIPS + n_panels * (1 + damped)
+        self.columns = TIPS + n_panels * (1 + damped)
         most = round((self.SPAN + reserve) / (self._stride * period)) + 2
         self._rows: deque[tuple[float, ...]] = deque(maxlen=most)
 
@@ -72,23 +75,12 @@ class Trace:
         self._rows.append(row)
 
     def restore(self, rows: Array) -> None:
-        """Put back what :meth:`rows` returned.
-
-        Raises:
-            ValueError: for rows of another robot, or of an environment that records other columns.
-        """
-        if (
-            rows.ndim != 2
-            or rows.shape[1] != self._columns
-            or not np.isfinite(np.delete(rows, [ERROR, ENERGY], 1)).all()
-        ):
-            shape = f"{rows.shape} instead of (rows, {self._columns})"
-            raise ValueError(f"the state's trace is of another robot or damaged: its shape is {shape}")
+        """Put back what :meth:`rows` returned."""
         self._rows = deque(map(tuple, rows.tolist()), self._rows.maxlen)
 
     def rows(self) -> Array:
         """Return what is kept (k, columns)."""
-        return np.array(self._rows, dtype=np.float64).reshape(len(self._rows), self._columns)
+        return np.array(self._rows, dtype=np.float64).reshape(len(self._rows), self.columns)
 
     def rows_at(self, t: float) -> Array:
         """Return the rows (k, columns) of the ``SPAN`` before a time [s], whatever came after it."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.compile.jit import kernel
-from sffr_gym.task.observation import observe
+from sffr_gym.task.observation import clip, observe
 from sffr_gym.task.reference import desired
 from sffr_gym.types import Array, IntArray
 
@@ -59,8 +59,7 @@ def sense(task, reference, sensing, tick, p, v, work, obs):
     """
     if sensing.delay > 0:
         observe(task, reference, desired(reference, tick * task.period), p, v, work, obs, True)
-        for k in range(len(obs)):
-            obs[k] = min(max(obs[k], -task.bound[k]), task.bound[k])
+        clip(task.bound, obs)
     if sensing.key > 0:
         add_noise(sensing, tick, task.bound, obs)
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.ranges import LARGEST_CUT
 from sffr_gym.config.sections import Arm, Panel
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators
@@ -116,7 +117,14 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
 
 
 def drawn_plant(params: Params, drawn: Drawn) -> Params:
-    """Return the plant of an episode, made again of what the controllers believe and what was drawn."""
+    """Return the plant of an episode, made again of what the controllers believe and what was drawn.
+
+    Raises:
+        ValueError: for a factor or speed that no scenario draws.
+    """
+    for name, value in drawn.items():
+        if name.endswith(("_factor", "_speed_m_s")) and not 1.0e-3 < value < 1.0e3:
+            raise ValueError(f"drawn: {name} = {value}: no scenario draws that")
     return _scaled(_at_speed(params, drawn), drawn)
 
 
@@ -182,8 +190,8 @@ def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
     scaled = {
         "EI": stiffness * panel.EI,
         "mass": mass * panel.mass,
-        "bending_cut": np.sqrt(stiffness / mass) * panel.bending_cut,
-        "axial_cut": np.sqrt(1.0 / mass) * panel.axial_cut,
+        "bending_cut": min(np.sqrt(stiffness / mass) * panel.bending_cut, LARGEST_CUT),
+        "axial_cut": min(np.sqrt(1.0 / mass) * panel.axial_cut, LARGEST_CUT),
     }
     return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
 

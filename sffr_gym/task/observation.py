@@ -165,6 +165,13 @@ def observe(task, reference, des, p, v, work, obs, refresh):
 
 
 @kernel(inline=True)
+def clip(bound, obs):
+    """Bring an observation (n_o,) within its bounds (n_o,), in place."""
+    for k in range(len(obs)):
+        obs[k] = min(max(obs[k], -bound[k]), bound[k])
+
+
+@kernel(inline=True)
 def _write(obs, at, ch, sh, x, y):
     """Write an inertial vector in reference axes at ``at``; ch, sh: cosine and sine of the heading."""
     obs[at] = ch * x + sh * y

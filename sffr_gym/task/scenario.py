@@ -7,24 +7,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from math import ceil, inf
-from typing import Annotated, Literal
+from math import ceil
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
 from sffr_gym.config.files import canonical_json, short_hash
 from sffr_gym.config.params import Params
-from sffr_gym.config.sections import NonNegative, Section
-from sffr_gym.config.strict_yaml import check_error, config_dir, load
+from sffr_gym.config.ranges import LARGEST_SEED, EpisodeLength, Name, Text, at_most
+from sffr_gym.config.sections import MOST_ELEMENTS, Section
+from sffr_gym.config.strict_yaml import ConfigError, build, check_error, config_dir, load
 
 EVALUATION_SEED = 1_000_000  # seeds from here up are for evaluation alone: training rejects them
 TASK = "SFFRFlex-v0"  # whose observation, reward and ends an episode has; a part of every hash
 MOST_IMPULSES = 8  # of an episode
+MOST_MODES = 2 * MOST_ELEMENTS  # bending modes that the finest panel has
+MOST_FAULTS = 100  # of which each episode has one
+MOST_PERIODS = 10**9  # control periods of an episode: an hour of computing
+MOST_EPISODES = 100_000  # of each policy: ten hours of computing at the case study's length
 
 
 def _within(least: float, most: float) -> AfterValidator:
     """Return a check that an interval is ordered and lies in a range."""
-    allowed = f"{least:g} <= lower <= upper" + (f" <= {most:g}" if most < inf else "")
+    allowed = f"{least:g} <= lower <= upper <= {most:g}"
 
     def check(ends: tuple[float, float]) -> tuple[float, float]:
         if not least <= ends[0] <= ends[1] <= most:
@@ -35,15 +40,19 @@ def _within(least: float, most: float) -> AfterValidator:
 
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
-Amplitude = Annotated[tuple[float, float], _within(0.0, inf)]
+Amplitude = Annotated[tuple[float, float], _within(0.0, 1000.0)]  # m, the longest panel
 Speed = Annotated[tuple[float, float], _within(0.01, 10.0)]  # m/s
 Factor = Annotated[tuple[float, float], _within(0.01, 100.0)]
+# Noise beyond these shows nothing of a robot any more; an angle's is taken for degrees.
+Noise = Annotated[float, Field(ge=0.0, le=100.0)]  # m, m/s, rad/s
+AngleNoise = Annotated[float, Field(ge=0.0, le=1.0)]  # rad
+Impulse = Annotated[float, Field(ge=0.0, le=1.0e6)]  # N s, N m s: that of a rocket stage
 
 
 class PanelMode(Section):
     """Excitation of one bending mode of every panel, drawn for each panel separately."""
 
-    mode: int = Field(ge=1, description="bending mode, 1 is the lowest")
+    mode: int = Field(ge=1, le=MOST_MODES, description="bending mode, 1 is the lowest")
     amplitude: Amplitude = Field(description="transverse tip amplitude [m]")
 
 
@@ -59,10 +68,10 @@ class PlantFactors(Section):
 class Sensors(Section):
     """Errors of the measured fields of the observation: white noise by unit, and a delay of one control period."""
 
-    position: NonNegative = Field(default=0.0, description="noise of positions and displacements, rms [m]")
-    angle: NonNegative = Field(default=0.0, description="noise of angles and slopes, rms [rad]")
-    velocity: NonNegative = Field(default=0.0, description="noise of velocities, rms [m/s]")
-    rate: NonNegative = Field(default=0.0, description="noise of angular rates, rms [rad/s]")
+    position: Noise = Field(default=0.0, description="noise of positions and displacements, rms [m]")
+    angle: AngleNoise = Field(default=0.0, description="noise of angles and slopes, rms [rad]")
+    velocity: Noise = Field(default=0.0, description="noise of velocities, rms [m/s]")
+    rate: Noise = Field(default=0.0, description="noise of angular rates, rms [rad/s]")
     delay: Probability = Field(default=0.0, description="part of the episodes that measure one period late [-]")
 
 
@@ -79,8 +88,8 @@ class ImpulseDraws(Section):
     """Impulses on the base, each spread over one control period at a random time; base axes."""
 
     count: int = Field(ge=1, le=MOST_IMPULSES, description="number of impulses in an episode [-]")
-    linear: NonNegative = Field(description="largest impulse of the force, any direction [N s]")
-    angular: NonNegative = Field(description="largest impulse of the moment, either sign [N m s]")
+    linear: Impulse = Field(description="largest impulse of the force, any direction [N s]")
+    angular: Impulse = Field(description="largest impulse of the moment, either sign [N m s]")
 
 
 class Scenario(Section):
@@ -93,23 +102,42 @@ class Scenario(Section):
     ``faults`` change the plant alone: the controllers go on with the parameters of the case study.
     """
 
-    name: str = Field(description="name of the scenario")
-    description: str = Field(description="what it draws")
-    duration: float | None = Field(default=None, gt=0.0, description="length of an episode [s]; null: once around")
-    panel_modes: tuple[PanelMode, ...] = Field(default=(), description="excited bending modes")
+    name: Name = Field(description="name of the scenario")
+    description: Text = Field(description="what it draws")
+    duration: EpisodeLength | None = Field(default=None, description="length of an episode [s]; null: once around")
+    panel_modes: Annotated[tuple[PanelMode, ...], at_most(MOST_MODES, "so many modes has the finest panel")] = Field(
+        default=(), description="excited bending modes"
+    )
     offset_position: float = Field(default=0.0, ge=0.0, le=1.0, description="largest shift off the path [m]")
     offset_angle: float = Field(default=0.0, ge=0.0, le=1.0, description="largest turn off the path [rad]")
     speed: Speed | None = Field(default=None, description="speed along the path [m/s]")
     random_phase: bool = Field(default=False, description="start anywhere on the circle")
     plant: PlantFactors = Field(default=PlantFactors(), description="what the controllers are wrong about")
     sensors: Sensors = Field(default=Sensors(), description="errors of the observation")
-    faults: tuple[Fault, ...] = Field(default=(), description="faults, of which each episode has one")
+    faults: Annotated[tuple[Fault, ...], at_most(MOST_FAULTS, "each episode has one")] = Field(
+        default=(), description="faults, of which each episode has one"
+    )
     impulses: ImpulseDraws | None = Field(default=None, description="impulses on the base")
 
     def ticks(self, params: Params) -> int:
-        """Return the length in control periods of an episode with these parameters, the drawn speed among them."""
+        """Return the length in control periods of an episode with these parameters, the drawn speed among them.
+
+        Raises:
+            ConfigError: if it is too long to be computed.
+        """
         duration = params.path.period if self.duration is None else self.duration
-        return ceil(duration / params.control.period - 1e-9)
+        periods = duration / params.control.period
+        if periods > MOST_PERIODS:
+            once = "" if self.duration else f", once around a circle of {params.path.radius:g} m"
+            raise ConfigError(
+                f"{self.name}: duration: an episode of {duration:.3g} s{once}, would take about {periods:.1g} control "
+                f"periods, at most {MOST_PERIODS:.0e}: give the scenario a duration, or lengthen control.period"
+            )
+        return ceil(periods - 1e-9)
+
+    def with_changes(self, **changes: Any) -> Scenario:
+        """Return the scenario with other values, which are checked; raises ConfigError."""
+        return build(Scenario, self.model_dump() | changes, lambda key: f"scenario {self.name}")
 
     @property
     def changes_model(self) -> bool:
@@ -124,6 +152,13 @@ class Scenario(Section):
     def hash(self, params: Params) -> str:
         """Return the hash of what defines the episodes of a seed: task, scenario (without its wording), parameters."""
         return suite_hash([self], params)
+
+
+class EpisodeRange(Section):
+    """Which episodes of a scenario are run."""
+
+    episodes: int | None = Field(default=None, ge=1, le=MOST_EPISODES, description="number of episodes of each policy")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="seed of the first one; the next ones count up")
 
 
 def load_scenario(name: str | os.PathLike[str]) -> Scenario:

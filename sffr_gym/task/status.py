@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from math import cos, sin, sqrt
 
 from sffr_gym.compile.jit import kernel
@@ -19,6 +20,25 @@ REASONS = {
     OUT_OF_RANGE: "observation out of range",
     NOT_FINITE: "non-finite state",
 }
+
+
+class Failure(IntEnum):
+    """Why an episode ended before its time: a number, as files hold it, 0 for no failure; its text is the reason."""
+
+    NONE = int(RUNNING)
+    TIP_RANGE = int(TIP_RANGE)
+    ARM_SINGULAR = int(ARM_SINGULAR)
+    GRASP_LOST = int(GRASP_LOST)
+    OUT_OF_RANGE = int(OUT_OF_RANGE)
+    NOT_FINITE = int(NOT_FINITE)
+
+    def __str__(self) -> str:
+        """Return the reason, empty for no failure."""
+        return REASONS[self]
+
+    def __format__(self, form: str) -> str:
+        """Return the reason as f-strings show it."""
+        return format(str(self), form)
 
 
 @kernel(inline=True)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from sffr_gym import ConfigError
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.score import Result
-from sffr_workbench.benchmark.episodes import PLAN_FILE
-from sffr_workbench.evaluation import SUMMARY_FILE, read_episodes
+from sffr_workbench.evaluation import open_run, read_episodes, scenario_hashes
 
 Episode = tuple[str, int]  # scenario and seed
 
@@ -22,20 +21,23 @@ def common_episodes(folders: Sequence[Path]) -> list[Result]:
     ``policy@run`` where they are not. Scenarios that draw something keep the same number of episodes.
 
     Raises:
-        ConfigError: if a folder holds no finished run, a scenario is not the same in all, or there is no such episode.
+        ConfigError: if a folder holds no finished run, or a damaged one, a scenario is not the same in all, or there is
+            no such episode.
     """
-    _check_scenarios(folders)
+    runs = [open_run(folder) for folder in folders]
+    _check_scenarios(runs)
     entries: dict[str, dict[Episode, Result]] = {}
-    for folder in folders:
-        runs: dict[str, dict[Episode, Result]] = {}
-        for result in read_episodes(folder):
-            runs.setdefault(result.policy, {})[result.scenario, result.seed] = result
-        for policy, own in runs.items():
+    for run in runs:
+        policies: dict[str, dict[Episode, Result]] = {}
+        for result in read_episodes(run):
+            policies.setdefault(result.policy, {})[result.scenario, result.seed] = result
+        title = run.path.resolve().name
+        for policy, own in policies.items():
             known = entries.get(policy)
             same = known is not None and all(known[key] == own[key] for key in known.keys() & own.keys())
-            name = policy if known is None or same else f"{policy}@{folder.name}"
+            name = policy if known is None or same else f"{policy}@{title}"
             if name in entries and not same:
-                raise ConfigError(f"two runs are named {folder.name!r}; rename one")
+                raise ConfigError(f"two runs are named {title!r}; rename one")
             entries[name] = (known or {}) | own if same else own
     common = set.intersection(*(set(own) for own in entries.values()))
     if not common:
@@ -53,21 +55,11 @@ def _even(episodes: set[Episode]) -> set[Episode]:
     return {(scenario, seed) for scenario, own in seeds.items() for seed in own[:fewest]}
 
 
-def _check_scenarios(folders: Sequence[Path]) -> None:
+def _check_scenarios(runs: Sequence[RunFolder]) -> None:
     """Make sure that a scenario of the same name is the same one, plant included; raises ConfigError."""
     seen: dict[str, tuple[str, Path]] = {}
-    for folder in folders:
-        for scenario, digest in scenario_hashes(folder).items():
-            other, where = seen.setdefault(scenario, (digest, folder))
+    for run in runs:
+        for scenario, digest in scenario_hashes(run).items():
+            other, where = seen.setdefault(scenario, (digest, run.path))
             if digest != other:
-                raise ConfigError(f"{folder}: scenario {scenario!r} or its parameters are not those of {where}")
-
-
-def scenario_hashes(folder: Path) -> dict[str, str]:
-    """Return the hash of each scenario of a run by ``sffr benchmark`` or ``sffr evaluate``; raises ConfigError."""
-    if (folder / PLAN_FILE).is_file():
-        return json.loads((folder / PLAN_FILE).read_text())["scenarios"]
-    if (folder / SUMMARY_FILE).is_file():
-        summary = json.loads((folder / SUMMARY_FILE).read_text())
-        return {summary["scenario"]: summary["scenario_hash"]}
-    raise ConfigError(f"{folder}: holds no finished run (neither {PLAN_FILE} nor {SUMMARY_FILE} is there)")
+                raise ConfigError(f"{run.path}: scenario {scenario!r} or its parameters are not those of {where}")

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import json
-import shutil
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import sffr_baselines
 import sffr_gym
@@ -24,26 +22,21 @@ from sffr_baselines.learned import file_hash, policy_file
 from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym import ConfigError, Params
-from sffr_gym.compile.jit import is_compiled
-from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.compile.cache import is_compiled
+from sffr_gym.config.arguments import check_arguments
+from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import package_version
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.config.strict_yaml import config_dir
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.scenario import EVALUATION_SEED, load_scenario, suite_hash
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario, suite_hash
 from sffr_gym.task.score import Result
-from sffr_workbench.common import Progress, ignore
-from sffr_workbench.evaluation import with_oracles
+from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_parts, remove_rows, row_files, write_row
+from sffr_workbench.common import Progress, end_with_parent, ignore
+from sffr_workbench.evaluation import PLAN_FILE, Identity, read_record, with_oracles
 
-ROWS, PLAN_FILE = "rows", "plan.json"
+MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
 _NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder may hold more than a plan runs
-
-
-class Task(NamedTuple):
-    """One episode to run."""
-
-    scenario: str
-    policy: str
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -65,8 +58,12 @@ class Plan:
         for name in self.scenarios:
             if self.scenarios.count(name) > 1:
                 raise ConfigError(f"scenario {name!r} is given twice")
-        if self.episodes < 1:
-            raise ConfigError(f"episodes = {self.episodes}: must be at least 1")
+        check_arguments(EpisodeRange, episodes=self.episodes, seed=self.seed)
+        if (count := self.episodes * len(self.policies) * len(self.scenarios)) > MOST_TASKS:
+            raise ConfigError(
+                f"episodes = {self.episodes}: of {len(self.policies)} policies in {len(self.scenarios)} scenarios make "
+                f"{count:.2g} episodes, at most {MOST_TASKS:.0e}"
+            )
         if self.seed < EVALUATION_SEED:
             raise ConfigError(f"seed = {self.seed}: a benchmark takes evaluation seeds, from {EVALUATION_SEED} up")
         for name in self.policies:
@@ -96,16 +93,14 @@ class Plan:
         """Return what tables call the policies."""
         return tuple(map(policy_title, self.policies))
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> Identity:
         """Return what episodes must agree in to stand in one table: version, code, parameters, scenarios, files."""
         files = {policy_title(name): file for name in self.policies if (file := policy_file(name))}
-        return {
-            "version": package_version("sffr-gym"),
-            "code": code_hash(),
-            "config_hash": self.params.hash(),
-            "scenarios": {each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
-            "policies": {title: file_hash(file) for title, file in files.items()},
-        }
+        return Identity(
+            version=package_version("sffr-gym"), code=code_hash(), config_hash=self.params.hash(),
+            scenarios={each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
+            policies={title: file_hash(file) for title, file in files.items()},
+        )  # fmt: skip
 
 
 def code_hash() -> str:
@@ -117,39 +112,41 @@ def code_hash() -> str:
 
 
 def run_episodes(
-    plan: Plan, folder: Path, jobs: int, overwrite: bool = False, progress: Progress = ignore
+    plan: Plan, run: RunFolder, jobs: int, overwrite: bool = False, progress: Progress = ignore
 ) -> list[Result]:
     """Run what a folder does not hold yet, and return all episodes in the order of the plan.
 
     Args:
         plan: what to run.
-        folder: made if need be; holds a file for each finished episode.
+        run: folder that this process writes to; gets a file for each finished episode.
         jobs: number of worker processes; the result does not depend on it.
         overwrite: start again.
         progress: called with the scenario, the episodes done and all, first before anything runs.
 
     Raises:
-        ConfigError: if the folder's episodes are of other code, parameters or scenarios, or a worker died.
+        ConfigError: if the folder's episodes are of other code, parameters or scenarios, one of them is damaged, or a
+            worker died.
     """
-    if overwrite:
-        shutil.rmtree(folder / ROWS, ignore_errors=True)
-    _claim(plan, folder)
-    pending = [task for task in plan.tasks if not _file(folder, task).exists()]
-    done, total = len(plan.tasks) - len(pending), len(plan.tasks)
+    _take_up(plan, run, overwrite)
+    files, titles = row_files(run, plan.tasks), {name: load_scenario(name).name for name in plan.scenarios}
+    found = {task: read_row(file, task, titles[task.scenario]) for task, file in files.items() if os.path.lexists(file)}
+    pending = {task: file for task, file in files.items() if task not in found}
+    done, total = len(found), len(files)
     progress(plan.scenarios[0], done, total)
     if pending and not is_compiled():  # here once, instead of in every worker
-        run_episode(pending[0], plan.params)
+        run_episode(next(iter(pending)), plan.params)
     try:
-        for task in _finish(pending, plan.params, folder, jobs):
+        for task in _finish(pending, plan.params, jobs):
             done += 1
             progress(task.scenario, done, total)
     except BrokenProcessPool:
-        kept = sum(_file(folder, task).exists() for task in plan.tasks)
+        kept = sum(file.exists() for file in files.values())
         raise ConfigError(
-            f"{folder}: a worker process died (killed, or out of memory) with {kept} of {total} episodes finished; "
+            f"{run.path}: a worker process died (killed, or out of memory) with {kept} of {total} episodes finished; "
             "the same command goes on from there"
         ) from None
-    return [_read(_file(folder, task)) for task in plan.tasks]
+    found |= {task: read_row(file, task, titles[task.scenario]) for task, file in pending.items()}
+    return [found[task] for task in plan.tasks]
 
 
 def run_episode(task: Task, params: Params) -> Result:
@@ -158,19 +155,20 @@ def run_episode(task: Task, params: Params) -> Result:
     return result_of(trajectory)
 
 
-def _finish(tasks: list[Task], params: Params, folder: Path, jobs: int) -> Iterator[Task]:
-    """Run tasks in parallel, each kept by its worker, and name them as they are finished."""
+def _finish(files: Mapping[Task, Path], params: Params, jobs: int) -> Iterator[Task]:
+    """Run tasks in parallel, each kept in its file by its worker, and name them as they are finished."""
     from joblib import Parallel, delayed  # here, since it takes long to load and most commands do without
 
-    workers = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    return workers(delayed(_run_and_keep)(task, params, folder) for task in tasks)
+    jobs = max(min(jobs, len(files)), 1)
+    own = {"initializer": end_with_parent, "initargs": (os.getpid(),)} if jobs > 1 else {}
+    workers = Parallel(n_jobs=jobs, return_as="generator_unordered", **own)
+    with closing(workers(delayed(_run_and_keep)(task, params, file) for task, file in files.items())) as finished:
+        yield from finished
 
 
-def _run_and_keep(task: Task, params: Params, folder: Path) -> Task:
+def _run_and_keep(task: Task, params: Params, file: Path) -> Task:
     """Run an episode and write its file."""
-    file = _file(folder, task)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(file, json.dumps(asdict(run_episode(task, params))).encode())
+    write_row(file, run_episode(task, params))
     return task
 
 
@@ -187,38 +185,40 @@ def _policy(name: str, scenario: str, params: Params) -> Policy:
 @functools.cache
 def _draws(scenario: str, params: Params) -> bool:
     """Say whether a scenario's episodes differ."""
-    _, info = _environment(scenario, params).reset(seed=EVALUATION_SEED)
-    return bool(info["drawn"])
+    env = _environment(scenario, params)
+    env.reset(seed=EVALUATION_SEED)
+    return bool(env.episode.drawn)
 
 
-def _claim(plan: Plan, folder: Path) -> None:
-    """Make the folder this plan's, or make sure that it is of the same code, parameters and scenarios.
+def _take_up(plan: Plan, run: RunFolder, overwrite: bool) -> None:
+    """Make the folder's episodes this plan's, or make sure that they are of the same code, parameters and scenarios.
 
     Raises:
-        ConfigError: if it is not.
+        ConfigError: if they are not.
     """
-    file, identity = folder / PLAN_FILE, plan.identity()
-    if (folder / ROWS).is_dir() and file.exists():
-        held = json.loads(file.read_text())
-        changed = [name for name in identity if name not in _NAMED and identity[name] != held[name]]
-        for kinds, kind in _NAMED.items():
-            own, others = identity[kinds], held[kinds]
-            changed += [f"{kind} {name!r}" for name in own if name in others and own[name] != others[name]]
-            identity[kinds] = others | own
-        if changed:
-            raise ConfigError(
-                f"{folder}: holds episodes of another {', '.join(changed)}; choose another folder with --out or add "
-                "--overwrite"
-            )
-    (folder / ROWS).mkdir(parents=True, exist_ok=True)
-    write_whole(file, to_json(identity).encode())
+    identity, held = plan.identity(), run.file(PLAN_FILE)
+    run.own(ROWS, PLAN_FILE)
+    remove_parts(run)
+    if overwrite:
+        run.begin_again()
+        remove_rows(run)
+    elif held.exists():
+        identity = _merge(identity, read_record(Identity, held), run.path)
+    run.write(PLAN_FILE, to_json(identity.model_dump()).encode())
 
 
-def _file(folder: Path, task: Task) -> Path:
-    """Return where a finished episode lies; a name may be a path."""
-    scenario, policy = (quote(name, safe="") for name in (task.scenario, policy_title(task.policy)))
-    return folder / ROWS / scenario / policy / f"{task.seed}.json"
-
-
-def _read(file: Path) -> Result:
-    return Result(**json.loads(file.read_text()))
+def _merge(identity: Identity, held: Identity, folder: Path) -> Identity:
+    """Return what a plan and a folder's episodes are together; raises ConfigError if they do not agree."""
+    own, others = identity.model_dump(), held.model_dump()
+    changed = [name for name in own if name not in _NAMED and own[name] != others[name]]
+    for kinds, kind in _NAMED.items():
+        changed += [
+            f"{kind} {name!r}" for name in own[kinds] if own[kinds][name] != others[kinds].get(name, own[kinds][name])
+        ]
+        own[kinds] = others[kinds] | own[kinds]
+    if changed:
+        raise ConfigError(
+            f"{folder}: holds episodes of another {', '.join(changed)}; choose another folder with --out or add "
+            "--overwrite"
+        )
+    return Identity(**own)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,7 @@ from sffr_gym.task.score import REFERENCE
 from sffr_gym.task.statistics import CONFIDENCE, Estimate, performance_profile, resample
 from sffr_workbench.benchmark.scores import SuiteScores
 from sffr_workbench.common import format_number
-from sffr_workbench.figures.style import canvas, legend, plain, policy_colours, save_figures
+from sffr_workbench.figures.style import canvas, draw_figures, legend, plain, policy_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,13 +23,13 @@ RESAMPLES = 500  # of the profiles
 NEAR = 1.6  # cost up to which they are shown at large
 
 
-def save_benchmark_figures(folder: Path, scores: SuiteScores) -> list[Path]:
-    """Draw all figures into a folder and return the files.
+def draw_benchmark_figures(scores: SuiteScores) -> dict[str, bytes]:
+    """Draw all figures and return the contents of their PNG files, by name.
 
     Raises:
         ConfigError: see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
-    return save_figures(folder, dict(zip(FIGURE_FILES, (intervals, profiles, differences), strict=True)), scores)
+    return draw_figures(dict(zip(FIGURE_FILES, (intervals, profiles, differences), strict=True)), scores)
 
 
 def intervals(scores: SuiteScores) -> Figure:

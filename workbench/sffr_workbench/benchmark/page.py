@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.settings import load_tuned_damping
-from sffr_gym.config.files import to_json, write_whole
+from sffr_gym import ConfigError
+from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import package_version
+from sffr_gym.config.reading import read_json
+from sffr_gym.config.sections import Section
 from sffr_gym.task.score import REFERENCE, WEIGHTS, Result
 from sffr_workbench.benchmark.episodes import Plan
-from sffr_workbench.benchmark.figures import FIGURE_FILES, save_benchmark_figures
+from sffr_workbench.benchmark.figures import FIGURE_FILES, draw_benchmark_figures
 from sffr_workbench.benchmark.scores import SuiteScores, by_scenario
 from sffr_workbench.common import markdown_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
+from sffr_workbench.evaluation import check_record
 
 RESULTS_FILE, LEADERBOARD_FILE, IMAGES = "results.md", "leaderboard.json", "images"
 CAPTIONS = (
@@ -28,14 +32,39 @@ CAPTIONS = (
 )
 DIGITS = 6  # of the leaderboard's numbers, which are the same on any machine
 
+Number = float | None  # null if it was not finite
 
-def write_pages(
-    folder: Path, plan: Plan, results: Sequence[Result], scores: SuiteScores, command: str, draw: bool = True
-) -> list[Path]:
-    """Write page, leaderboard and figures into a folder, and return the files.
+
+class Entry(Section):
+    """A policy in the leaderboard."""
+
+    policy: str = Field(min_length=1, description="name")
+    suite: str = Field(description="hash of everything that defines the episodes")
+    version: str | None = Field(description="of sffr-gym")
+    command: str = Field(description="that made it")
+    seed: int = Field(ge=0, description="of the first episode")
+    episodes: int = Field(ge=1, description="of each scenario that draws anything")
+    cost: Number = Field(description="relative to AHSC, with its 95 % interval")
+    cost_interval: tuple[Number, Number] = Field(description="lower and upper end")
+    typical_cost: Number = Field(description="interquartile mean, with its 95 % interval")
+    typical_cost_interval: tuple[Number, Number] = Field(description="lower and upper end")
+    better_than_ahsc: Number = Field(ge=0.0, le=1.0, description="probability")
+    failed: int = Field(ge=0, description="number of episodes that failed")
+    ratios: dict[str, Number] = Field(description="of the measures to AHSC's")
+    scenarios: dict[str, Number] = Field(description="cost in each")
+
+
+def page_names(draw: bool = True) -> list[str]:
+    """Return the names of page, leaderboard and, unless they are not drawn, figures."""
+    return [f"{IMAGES}/{name}" for name in FIGURE_FILES] * draw + [LEADERBOARD_FILE, RESULTS_FILE]
+
+
+def make_pages(
+    plan: Plan, results: Sequence[Result], scores: SuiteScores, command: str, draw: bool = True
+) -> dict[str, bytes]:
+    """Return the contents of page, leaderboard and figures, by their names.
 
     Args:
-        folder: made if need be.
         plan: what was run.
         results: its episodes.
         scores: theirs.
@@ -43,16 +72,12 @@ def write_pages(
         draw: also draw the figures.
 
     Raises:
-        ModuleNotFoundError: if figures are asked for without matplotlib; nothing is written then.
+        ModuleNotFoundError: if figures are asked for without matplotlib.
     """
-    written = save_benchmark_figures(folder / IMAGES, scores) if draw else []
-    folder.mkdir(parents=True, exist_ok=True)
-    board = leaderboard(plan, scores, command)
-    return [
-        *written,
-        write_whole(folder / LEADERBOARD_FILE, to_json(board).encode()),
-        write_whole(folder / RESULTS_FILE, results_page(plan, results, scores, command, draw).encode()),
-    ]
+    figures = draw_benchmark_figures(scores) if draw else {}
+    board, page = leaderboard(plan, scores, command), results_page(plan, results, scores, command, draw)
+    contents = (*figures.values(), to_json(board).encode(), page.encode())
+    return dict(zip(page_names(draw), contents, strict=True))
 
 
 def leaderboard(plan: Plan, scores: SuiteScores, command: str) -> list[dict[str, Any]]:
@@ -77,8 +102,17 @@ def leaderboard(plan: Plan, scores: SuiteScores, command: str) -> list[dict[str,
 
 
 def read_leaderboard(file: Path) -> list[dict[str, Any]]:
-    """Read the entries of a leaderboard."""
-    return json.loads(file.read_text(encoding="utf-8"))
+    """Return the entries of a leaderboard.
+
+    Raises:
+        ConfigError: if it cannot be read, or holds anything else.
+    """
+    entries = read_json(file)
+    if not isinstance(entries, list):
+        raise ConfigError(f"{file}: must hold a list of entries")
+    for number, entry in enumerate(entries, 1):
+        check_record(Entry, entry, f"{file}: entry {number}")
+    return entries
 
 
 def ranked(scores: SuiteScores) -> list[str]:

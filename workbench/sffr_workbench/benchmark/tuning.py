@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,9 +15,10 @@ from sffr_baselines import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_baselines.settings import TunedDamping
 from sffr_gym import ConfigError, Params
+from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import write_whole
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_gym.types import Array
 
@@ -59,9 +61,10 @@ def tune_hsc(
     Raises:
         ConfigError: for seeds that are for evaluation alone, for no episodes, or if B0 has a zero.
     """
-    if not (episodes >= 1 and 0 <= seed and seed + episodes <= EVALUATION_SEED):
+    check_arguments(EpisodeRange, episodes=episodes, seed=seed)
+    if seed + episodes > EVALUATION_SEED:
         raise ConfigError(
-            f"seeds {seed} to {seed + episodes - 1}: training takes at least one, from 0 to {EVALUATION_SEED - 1}"
+            f"seeds {seed} to {seed + episodes - 1}: training takes those from 0 to {EVALUATION_SEED - 1}"
         )
     start = np.array(params.suppression.B0[1:])
     if not start.all():
@@ -97,9 +100,10 @@ def write_damping(file: Path, tuning: Tuning, command: str) -> Path:
         f"q6: {tuning.q6!r}   # N m s/rad, its slope\n"
         f"cost: {tuning.cost:.5f}\n"
         f"hsc_cost: {tuning.hsc_cost:.5f}   # of the paper's B(0)\n"
-        f"command: {command}\n"
+        f"command: {json.dumps(command)}\n"
         f"date: {datetime.now(UTC):%Y-%m-%d}\n"
     )
+    file.parent.mkdir(parents=True, exist_ok=True)
     return write_whole(file, text.encode())
 
 

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
-from sffr_gym.compile.jit import remove_stale_caches
 from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import animate, benchmark, evaluate, learning, report, reproduce, speed, verify
 from sffr_workbench.cli.encoding import spell_out
+from sffr_workbench.cli.terminal import Commands
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -34,7 +35,6 @@ def sffr(
     ] = False,
 ) -> None:
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
-    remove_stale_caches()
 
 
 spell_out()  # also before a command runs, in help and errors of usage

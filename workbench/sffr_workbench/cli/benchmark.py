@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -10,20 +11,32 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from sffr_gym import ConfigError
-from sffr_gym.envs.single import resolve_params
+from sffr_gym.compile.threads import available_cores
+from sffr_gym.config.files import check_target
+from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
 from sffr_gym.task.score import WEIGHTS
 from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite
 from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
-from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.options import (
+    FirstSeed,
+    Overrides,
+    Overwrite,
+    ParamsFile,
+    Quiet,
+    ScenarioName,
+    argument,
+    option,
+    whole,
+)
 from sffr_workbench.cli.progress import ProgressBar, time_left
-from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command, user_errors
-from sffr_workbench.common import available_cores, terminal_table
+from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command
+from sffr_workbench.common import terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
+MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
 
 
@@ -43,11 +56,12 @@ def benchmark_command(
         list[str] | None, option("--scenario -s", "Shipped name or YAML file; repeatable.", "S", "all shipped")
     ] = None,
     episodes: Annotated[
-        int, option("--episodes -n", "Episodes of each policy in each scenario.", "N")
+        int, option("--episodes -n", "Episodes of each policy in each scenario.", "N", parser=whole())
     ] = SUITE_EPISODES,
     seed: FirstSeed = EVALUATION_SEED,
     jobs: Annotated[
-        int | None, option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", min=1)
+        int | None,
+        option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", parser=whole(1, MOST_JOBS)),
     ] = None,
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
     docs: Annotated[
@@ -65,17 +79,17 @@ def benchmark_command(
     episode is kept at once: the same command, or one with more policies, scenarios or episodes, runs what is missing.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        figures = figures and can_draw(notes)
-        plan = Plan(
-            tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
-            resolve_params(params, overrides or []),
-        )  # fmt: skip
-        advice = f"what was finished is kept in {out}, and the same command goes on"
-        with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
-            scores, written = run_benchmark(
-                plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
-            )
+    figures = figures and can_draw(notes)
+    plan = Plan(
+        tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
+        resolve_params(params, overrides or []),
+    )  # fmt: skip
+    again = "the same command without --overwrite" if overwrite else "the same command"
+    advice = f"what was finished is kept in {out}, and {again} goes on"
+    with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
+        scores, written = run_benchmark(
+            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
+        )
     print_scores(results, scores)
     pages = (str(path) for path in written if path.name == RESULTS_FILE)
     results.print(f"\n{', '.join(pages)}", markup=False, soft_wrap=True)
@@ -86,9 +100,8 @@ def compare_command(
 ) -> None:
     """Compare policies of several runs on the episodes that all of them have, relative to AHSC."""
     _, results = consoles()
-    with user_errors():
-        episodes = common_episodes(runs)
-        scores = score_suite(episodes)
+    episodes = common_episodes(runs)
+    scores = score_suite(episodes)
     print_scores(results, scores)
     count = len({(episode.scenario, episode.seed) for episode in episodes})
     results.print(f"\n{count} common episodes of {', '.join(scores.scenarios)}", style="dim", soft_wrap=True)
@@ -96,12 +109,15 @@ def compare_command(
 
 def tune_hsc_command(
     scenario: ScenarioName = SCENARIO,
-    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N")] = TRAINING_EPISODES,
-    seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K")] = 0,
-    evaluations: Annotated[int, option("--evaluations", "About as many pairs at most.", "N", min=3)] = EVALUATIONS,
+    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N", parser=whole())] = TRAINING_EPISODES,
+    seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K", parser=whole())] = 0,
+    evaluations: Annotated[
+        int, option("--evaluations", "About as many pairs at most.", "N", parser=whole(3, 10_000))
+    ] = EVALUATIONS,
     out: Annotated[Path | None, option("--out -o", "Settings to write.", "FILE", "print only")] = None,
     params: ParamsFile = None,
     overrides: Overrides = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Find the constant virtual damping of HSC that costs least: the policy hsc-tuned.
@@ -110,9 +126,9 @@ def tune_hsc_command(
     numbers are in configs/policies/hsc-tuned.yaml.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        if out is not None and not out.absolute().parent.is_dir():
-            raise ConfigError(f"{out}: its folder does not exist")
+    if out is not None:
+        check_target(out, overwrite)
+    with interruptible(notes, "nothing was written"):
         found = tune_hsc(
             resolve_params(params, overrides or []), scenario, episodes, seed, evaluations,
             lambda q5, q6, cost: notes.print(

@@ -9,13 +9,21 @@ import typer
 
 from sffr_baselines import POLICIES
 from sffr_baselines.learned import shipped_policies
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.scenario import EVALUATION_SEED
-from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option
+from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
 from sffr_workbench.cli.progress import EvaluationProgress
-from sffr_workbench.cli.terminal import can_draw, consoles, dated_folder, typed_command, user_errors
-from sffr_workbench.evaluation import check_folder, evaluate, summary_remarks, summary_table, write_run
+from sffr_workbench.cli.terminal import can_draw, consoles, dated_folder, interruptible, typed_command
+from sffr_workbench.evaluation import (
+    plan_evaluation,
+    run_evaluation,
+    run_names,
+    summary_remarks,
+    summary_table,
+    write_run,
+)
 from sffr_workbench.evaluation.run import DEFAULT_EPISODES
-from sffr_workbench.figures import save_episode_figures
+from sffr_workbench.figures import draw_episode_figures
 
 _LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
 _POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
@@ -38,6 +46,7 @@ def evaluate_command(
             "Episodes of each policy, the same ones for all.",
             "N",
             f"{DEFAULT_EPISODES}, or 1 if the scenario draws nothing",
+            parser=whole(),
         ),
     ] = None,
     seed: FirstSeed = EVALUATION_SEED,
@@ -54,18 +63,20 @@ def evaluate_command(
     simulator for this machine, which takes one to two minutes.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        out = out or dated_folder(Path(scenario).stem)
-        check_folder(out, overwrite)
-        if seed < EVALUATION_SEED:
-            notes.print(f"note: seeds below {EVALUATION_SEED} are for training; compare agents on seeds from there up")
+    out, draw = out or dated_folder(Path(scenario).stem), figures and can_draw(notes)
+    plan = plan_evaluation(policies, scenario, episodes, seed, params, overrides or ())
+    if seed < EVALUATION_SEED:
+        notes.print(f"note: seeds below {EVALUATION_SEED} are for training; compare agents on seeds from there up")
+    with (
+        interruptible(notes, f"nothing was written to {out}, and the same command starts again"),
+        RunFolder.claim(out, "evaluation", overwrite=overwrite) as run,
+    ):
+        run.check_names(run_names((policy.name for policy in plan.policies), draw))
         with EvaluationProgress(notes) as progress:
-            evaluation = evaluate(policies, scenario, episodes, seed, params, overrides or (), progress)
-        written = write_run(out, evaluation, typed_command())
+            evaluation = run_evaluation(plan, progress)
+        written = write_run(run, evaluation, typed_command(), draw_episode_figures(evaluation.first) if draw else {})
     results.print(summary_table(evaluation, results.width))
     for line in summary_remarks(evaluation):
         results.print(line, style="dim", markup=False)
-    if figures and can_draw(notes):
-        written += save_episode_figures(out, evaluation.first)
     names = (path.relative_to(out).as_posix() for path in written)
     results.print(f"\n{out}: {', '.join(names)}", markup=False, soft_wrap=True)

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+import json
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from sffr_agents.config import CONFIGS, VALIDATION_SEED, load_config
+from sffr_agents.config import CONFIGS, VALIDATION_SEED, TrainConfig, build_section, load_config
+from sffr_agents.folder import first_difference, read_run
 from sffr_agents.tune_config import load_tune
 from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.files import check_target
+from sffr_gym.config.ranges import LARGEST_SEED
 from sffr_gym.task.score import REFERENCE, WEIGHTS
 from sffr_workbench.benchmark import score_seeds
-from sffr_workbench.cli.options import Quiet, argument, option
+from sffr_workbench.cli.options import Overwrite, Quiet, argument, option, whole
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import consoles, dated_folder, interruptible, typed_command, user_errors
 from sffr_workbench.common import markdown_table, require
 from sffr_workbench.common.numbers import format_estimate, format_number
 from sffr_workbench.evaluation import read_episodes
 from sffr_workbench.figures import by_algorithm, learning_curves, read_curve, save_figures, schedule_figure
+
+DEFAULT_ALGO = "ppo"
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -51,6 +58,11 @@ class TrainingProgress:
         self._bar(self._cost + rate, done, total)
 
 
+def warn(console: Console, line: str) -> None:
+    """Show a line about something that is wrong, but can be gone on from."""
+    console.print(f"warning: {line}", style="yellow", markup=False, soft_wrap=True)
+
+
 def describe(scores: dict[str, float]) -> str:
     """Return the scores in a line."""
     names = [name.removesuffix("/cost") for name in scores if name.endswith("/cost")]
@@ -61,10 +73,15 @@ def describe(scores: dict[str, float]) -> str:
 
 def train_command(
     algo: Annotated[
-        str, option("--algo", f"{', '.join(CONFIGS)}; or a YAML file of configs/train's kind.", "A")
-    ] = "ppo",
-    seed: Annotated[int, option("--seed", f"Seed of everything random, below {VALIDATION_SEED}.", "K")] = 0,
-    n_envs: Annotated[int | None, option("--n-envs", "Environments.", "N", "the configuration's")] = None,
+        str | None, option("--algo", f"{', '.join(CONFIGS)}; or a YAML file of configs/train's kind.", "A", "ppo")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        option("--seed", f"Seed of everything random, below {VALIDATION_SEED}.", "K", "0", parser=whole()),
+    ] = None,
+    n_envs: Annotated[
+        int | None, option("--n-envs", "Environments.", "N", "the configuration's", parser=whole())
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         option("--set", "Change the configuration, such as learning.gamma=0.99; repeatable.", "KEY=VALUE"),
@@ -81,9 +98,9 @@ def train_command(
     notes, results = consoles(quiet)
     with user_errors():
         changes = [*(overrides or ()), *([f"n_envs={n_envs}"] if n_envs is not None else [])]
-        if going_on and (out is None or changes):
-            raise ConfigError("--resume goes on with the training in --out as it was configured; it takes no changes")
-        config = load_config(algo, changes)
+        if going_on and out is None:
+            raise ConfigError("--resume goes on with the training in --out; say which one")
+        config = begun_as(out, algo, seed, changes) if going_on and out else load_config(algo or DEFAULT_ALGO, changes)
         require("agents", "torch", "stable_baselines3")
         from sffr_agents.train import resume, train  # torch takes seconds to import
 
@@ -92,29 +109,70 @@ def train_command(
         with interruptible(notes, advice), ProgressBar(notes, *time_left(), counted=False) as bar:
             progress = TrainingProgress(bar, notes)
             if going_on:
-                scores = resume(folder, progress)
+                scores = resume(folder, progress, lambda line: warn(notes, line))
             else:
-                scores = train(config, seed, folder, progress, typed_command())
+                scores = train(config, seed or 0, folder, progress, typed_command())
     results.print(f"{folder / 'best.npz'}: {describe(scores)}", soft_wrap=True)
+
+
+def begun_as(folder: Path, algo: str | None, seed: int | None, changes: Sequence[str]) -> TrainConfig:
+    """Return the configuration of the training in a folder, if what else is asked for does not contradict it.
+
+    Args:
+        folder: of the run.
+        algo: name or file of a configuration, None if it was not given.
+        seed: of the training, None if it was not given.
+        changes: assignments to the configuration.
+
+    Raises:
+        ConfigError: if the folder holds no training, or another one; the message has both values.
+    """
+    held, held_seed = read_run(folder)
+    data = held.model_dump(mode="json")
+    if algo == held.algo:  # the rest of the shipped configuration may have been changed when it began
+        algo = None
+    if algo in CONFIGS:
+        asked: dict[str, Any] = data | {"algo": algo}
+    elif algo is not None:
+        asked = load_config(algo, changes).model_dump(mode="json")
+    else:
+        asked = build_section(type(held), data, lambda key: str(folder), changes).model_dump(mode="json")
+    seeds = held_seed if seed is None else seed
+    if found := first_difference({"seed": held_seed, **data}, {"seed": seeds, **asked}):
+        key, own, other = found
+        raise ConfigError(
+            f"{folder}: holds a training with {key} = {json.dumps(own)}, not {json.dumps(other)}; leave that option "
+            "out, or choose another folder"
+        )
+    return held
 
 
 def export_command(
     source: Annotated[Path, argument("SOURCE", "Run folder of sffr train, or an SB3 zip.")],
     out: Annotated[Path, option("--out -o", "Where the policy goes.", "FILE")] = Path("policy.npz"),
-    algo: Annotated[str, option("--algo", "Configuration that a zip was trained with: a name or file.", "A")] = "ppo",
+    algo: Annotated[
+        str | None, option("--algo", "Configuration that a zip was trained with: a name or file.", "A", "ppo")
+    ] = None,
     trust: Annotated[bool, option("--trust", "Load a zip by SB3 itself, which runs code that is in it.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a policy as one .npz file that runs without torch: of a run's last checkpoint, or of an SB3 zip."""
     with user_errors():
         if out.suffix != ".npz":
             raise ConfigError(f"{out}: a policy's file ends in .npz")
+        check_target(out, overwrite)
+        is_run, config = source.is_dir(), load_config(algo or DEFAULT_ALGO)
+        if is_run and trust:
+            raise ConfigError("--trust is for zips; nothing of a run folder is run")
+        if is_run:
+            begun_as(source, algo, None, [])
         require("agents", "torch", "stable_baselines3")
         from sffr_agents.export import export_run, export_zip  # torch takes seconds to import
 
-        if source.is_dir():
-            export_run(source, out)
+        if is_run:
+            export_run(source, out, lambda line: warn(consoles()[0], line))
         else:
-            export_zip(source, load_config(algo), out, trust)
+            export_zip(source, config, out, trust)
     consoles()[1].print(str(out), markup=False, soft_wrap=True)
 
 
@@ -123,13 +181,15 @@ def tune_command(
         str, argument("SEARCH", "Shipped search (ppo, sac), or a YAML file of configs/tune's kind.")
     ],
     trials: Annotated[
-        int | None, option("--trials", "Trials in all.", "N", "the search's")
+        int | None, option("--trials", "Trials in all.", "N", "the search's", parser=whole())
     ] = None,
     overrides: Annotated[
         list[str] | None,
         option("--set", "Change the search, such as seeds=5; repeatable.", "KEY=VALUE"),
     ] = None,
-    seed: Annotated[int, option("--seed", "Seed of the search; trainings count from 0.", "K")] = 0,
+    seed: Annotated[
+        int, option("--seed", "Seed of the search; trainings count from 0.", "K", parser=whole(0, LARGEST_SEED))
+    ] = 0,
     out: Annotated[
         Path | None,
         option("--out -o", "Run folder.", "DIR", "runs/tune-<search>"),
@@ -154,7 +214,7 @@ def tune_command(
         folder = out or Path("runs") / f"tune-{Path(search).stem}"
         advice = f"the same command goes on in {folder}"
         with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
-            best = tune(plan, folder, storage, seed, progress)
+            best = tune(plan, folder, storage, seed, progress, lambda line: warn(notes, line))
     settings = ", ".join(f"{key} = {value}" for key, value in best.params.items())
     results.print(f"cost {format_number(best.values[0])}: {settings}", markup=False, soft_wrap=True)
     results.print(f"{folder / BEST_CONFIG}", markup=False, soft_wrap=True)
@@ -163,9 +223,11 @@ def tune_command(
 def curves_command(
     runs: Annotated[list[Path], argument("RUN...", "Run folders of sffr train, of any seeds and algorithms.")],
     out: Annotated[Path, option("--out -o", "Picture.", "FILE")] = Path("learning.png"),
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw learning curves over training seeds, and print where they end."""
     with user_errors():
+        check_target(out, overwrite)
         require("plot", "matplotlib")
         groups = by_algorithm([read_curve(folder) for folder in runs])
         save_figures(out.parent, {out.name: learning_curves}, groups)
@@ -205,9 +267,11 @@ def seeds_command(run: Annotated[Path, argument("RUN", "Folder of sffr benchmark
 def phase_command(
     policy: Annotated[str, argument("POLICY", "Shipped learned policy, or an .npz file.")],
     out: Annotated[Path, option("--out -o", "Picture.", "FILE")] = Path("phase.png"),
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw what a learned policy does: its damping against the phase of a panel's swing, and an episode with it."""
     with user_errors():
+        check_target(out, overwrite)
         require("plot", "matplotlib")
         schedule, params = load_schedule(policy), load_params()
         save_figures(out.parent, {out.name: schedule_figure}, schedule, params)

@@ -2,9 +2,44 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from math import inf, isfinite
 from typing import Annotated, Any
 
 import typer
+
+_WHOLE = re.compile(r"[-+]?[0-9]{1,18}")  # as in a file: no blanks, no 1_000, no digits of other scripts
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+
+
+def whole(least: float = -inf, most: float = inf) -> Callable[[str | int], int]:
+    """Return what reads a whole number from ``least`` to ``most``, for an option's ``parser``."""
+
+    def whole_number(text: str | int) -> int:
+        if not _WHOLE.fullmatch(str(text)):
+            raise typer.BadParameter(f"{str(text)[:60]!r} is no whole number")
+        return int(_within(int(text), least, most))
+
+    return whole_number
+
+
+def number(least: float = -inf, most: float = inf) -> Callable[[str | float], float]:
+    """Return what reads a finite number from ``least`` to ``most``; see :func:`whole`."""
+
+    def finite_number(text: str | float) -> float:
+        if not (_NUMBER.fullmatch(str(text)) and isfinite(float(text))):
+            raise typer.BadParameter(f"{str(text)[:60]!r} is no finite number")
+        return _within(float(text), least, most)
+
+    return finite_number
+
+
+def _within(value: float, least: float, most: float) -> float:
+    """Return a value that lies in a range; raise the command line's error for another."""
+    if not least <= value <= most:
+        raise typer.BadParameter(f"{value} must be from {least} to {most}")
+    return value
 
 
 def option(flags: str, help: str, metavar: str | None = None, shown: bool | str = True, **settings: Any) -> Any:
@@ -30,5 +65,6 @@ Overrides = Annotated[
     list[str] | None, option("--set", "Change a parameter, SI units, such as panel.EI=25; repeatable.", "KEY=VALUE")
 ]
 ScenarioName = Annotated[str, option("--scenario -s", "Shipped scenario's name, or a YAML file.", "S")]
-FirstSeed = Annotated[int, option("--seed", "Seed of the first episode; the next ones count up.", "K")]
+FirstSeed = Annotated[int, option("--seed", "Seed of the first episode; the next ones count up.", "K", parser=whole())]
 Quiet = Annotated[bool, option("--quiet -q", "Print errors only.")]
+Overwrite = Annotated[bool, option("--overwrite", "Replace FILE.")]

@@ -18,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from sffr_gym.compile.jit import is_compiled
+from sffr_gym.compile.cache import is_compiled
 
 COMPILING = "compiling the simulator for this machine, one to two minutes, once"
 

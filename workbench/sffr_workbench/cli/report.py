@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from sffr_workbench.cli.options import Quiet, argument, option
-from sffr_workbench.cli.terminal import consoles, user_errors
+from sffr_workbench.cli.options import Overwrite, Quiet, argument, option
+from sffr_workbench.cli.terminal import consoles, interruptible
 from sffr_workbench.common import require
 from sffr_workbench.report import REPORT_FILE, write_report
 
@@ -21,7 +21,7 @@ def add_commands(app: typer.Typer) -> None:
 def report_command(
     runs: Annotated[list[Path], argument("RUN", "Run folders of sffr evaluate or sffr benchmark.", False)],
     out: Annotated[Path | None, option("--out -o", "The page.", "FILE", f"{REPORT_FILE} in the first RUN")] = None,
-    overwrite: Annotated[bool, option("--overwrite", "Replace FILE.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     r"""Put runs into one page: scores, figures, spectra, use of the actuators, and a replay to play and to scrub.
@@ -29,8 +29,8 @@ def report_command(
     The page is a single HTML file that works without a network. The replay shows the first episode of each policy, of
     which sffr evaluate leaves a recording. Needs the extra [bold]report[/]: pip install "sffr-gym\[report]".
     """
-    with user_errors():
-        require("report", "jinja2")
-        file = write_report(runs, out or runs[0] / REPORT_FILE, overwrite)
-    _, results = consoles(quiet)
+    require("report", "jinja2")
+    notes, results = consoles(quiet)
+    with interruptible(notes, "nothing was written"):
+        file = write_report(runs, out, overwrite)
     results.print(f"{file}: {file.stat().st_size / 1e6:.2f} MB", markup=False, soft_wrap=True)

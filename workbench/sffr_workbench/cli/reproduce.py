@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from sffr_workbench.cli.options import Quiet, option
+from sffr_gym.config.run_folder import RunFolder
+from sffr_workbench.cli.options import Quiet, number, option
 from sffr_workbench.cli.progress import ProgressBar
-from sffr_workbench.cli.terminal import consoles, typed_command, user_errors
+from sffr_workbench.cli.terminal import consoles, interruptible, typed_command
 from sffr_workbench.common import require
-from sffr_workbench.evaluation import check_folder
-from sffr_workbench.reproduce import CLAIMS_FILE, claims_table, reproduce, verdicts
+from sffr_workbench.reproduce import claims_table, reproduce, verdicts
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -23,7 +23,8 @@ def add_commands(app: typer.Typer) -> None:
 def reproduce_command(
     out: Annotated[Path, option("--out -o", "Folder of pictures, claims and page.", "DIR")] = Path("runs/reproduce"),
     duration: Annotated[
-        float | None, option("--duration", "Cut each run to this [s], for a quick look.", "S", "110.9", min=1.0)
+        float | None,
+        option("--duration", "Cut each run to this \\[s], for a quick look.", "S", "110.9", parser=number(1.0, 1.0e4)),
     ] = None,
     overwrite: Annotated[bool, option("--overwrite", "Replace a finished run in DIR.")] = False,
     quiet: Quiet = False,
@@ -34,11 +35,13 @@ def reproduce_command(
     Needs the extra [bold]plot[/]; with [bold]verify[/] it also compares with the engines of sffr verify.
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        check_folder(out, overwrite, CLAIMS_FILE)
-        require("plot", "matplotlib")
-        with ProgressBar(notes) as progress:
-            claims, written = reproduce(out, typed_command(), duration, progress)
+    require("plot", "matplotlib")
+    with (
+        interruptible(notes, f"nothing was written to {out}"),
+        RunFolder.claim(out, "reproduction", overwrite=overwrite) as run,
+        ProgressBar(notes) as progress,
+    ):
+        claims, written = reproduce(run, typed_command(), duration, progress)
     results.print(claims_table(claims, results.width))
     results.print(verdicts(claims), markup=False)
     results.print(f"\n{out}: {', '.join(path.name for path in written)}", markup=False, soft_wrap=True)

@@ -14,12 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from sffr_gym import ConfigError
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.config.suggestion import did_you_mean
 from sffr_workbench.cli.options import Quiet, option
 from sffr_workbench.cli.progress import ProgressBar
-from sffr_workbench.cli.terminal import consoles, dated_folder, user_errors
+from sffr_workbench.cli.terminal import consoles, dated_folder, interruptible
 from sffr_workbench.common import format_error, is_missing, terminal_table
-from sffr_workbench.evaluation import check_folder
 from sffr_workbench.verify import NAMES, PAGE_FILE, SECTIONS, Check, missing_libraries, run_checks, write_page
 
 PAGE_LIBRARIES = ("jinja2", "matplotlib")
@@ -48,16 +48,19 @@ def verify_command(
     extra [bold]verify[/]: pip install "sffr-gym\[verify]".
     """
     notes, results = consoles(quiet)
-    with user_errors():
-        out = out or dated_folder("verify")
-        check_folder(out, overwrite, PAGE_FILE)
-        chosen = choose_sections(sections or ())
-        checks = []
+    out = out or dated_folder("verify")
+    chosen = choose_sections(sections or ())
+    checks = []
+    with (
+        interruptible(notes, f"nothing was written to {out}"),
+        RunFolder.claim(out, "verification", overwrite=overwrite) as run,
+    ):
+        run.check_names([PAGE_FILE])
         with ProgressBar(notes) as progress:
             for check in run_checks(quick, chosen, progress):
                 print_outcome(notes, check)
                 checks.append(check)
-        page = write_page(checks, out)
+        page = write_page(checks, run)
     results.print(checks_table(checks))
     for line in verdict(checks):
         results.print(line, markup=False)

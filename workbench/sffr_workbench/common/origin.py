@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,8 +14,3 @@ def describe_versions(versions: Mapping[str, str | None]) -> str:
 def describe_commit(git: Mapping[str, Any] | None) -> str:
     """Return the commit of a ``git_state``, and whether anything differs from it."""
     return f"{git['commit'][:12]}{', with changes' if git.get('dirty') else ''}" if git else "unknown"
-
-
-def available_cores() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

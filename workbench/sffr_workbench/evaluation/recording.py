@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
+import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
-from urllib.parse import quote
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import Field
 
 from sffr_baselines.rollout import STRIDE, Trajectory
 from sffr_gym import ConfigError, Params, Simulator
+from sffr_gym.config.ranges import Period, Radius
+from sffr_gym.config.reading import parse_json, read_arrays
+from sffr_gym.config.run_folder import RunFolder
+from sffr_gym.config.sections import Section
+from sffr_gym.config.strict_yaml import build
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import N_BASE, pack
@@ -26,9 +30,39 @@ from sffr_gym.task.episode import Episode
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.types import Array
+from sffr_workbench.common import file_name
 
 RECORDINGS, SUFFIX = "recordings", ".npz"
 ABOUT = "about"  # name of the text within a file
+LARGEST = 1.0e9  # of times, coordinates and commands in SI units; no robot gets so far
+
+
+class ReferenceSection(Section):
+    """A :class:`Reference` as a file has it."""
+
+    radius: Radius = Field(description="[m]")
+    rate: float = Field(description="[rad/s]")
+    phase: float = Field(description="[rad]")
+    turning: float = Field(description="[-]")
+    x0: float = Field(description="[m]")
+    y0: float = Field(description="[m]")
+    base_x: float = Field(description="[m]")
+    base_y: float = Field(description="[m]")
+    yaw: float = Field(description="[rad]")
+    phi: float = Field(description="[rad]")
+    joints: tuple[float, ...] = Field(description="[rad]")
+
+
+class About(Section):
+    """What a file says of the episode, beside the arrays; see :class:`Recording`."""
+
+    policy: str = Field(description="name")
+    scenario: str = Field(description="name")
+    seed: int = Field(ge=0, description="of the episode")
+    failure: str = Field(description="why it ended early")
+    period: Period = Field(description="control period [s]")
+    plant: Params = Field(description="the robot as it was")
+    reference: ReferenceSection = Field(description="the desired motion")
 
 
 @dataclass(frozen=True)
@@ -82,42 +116,58 @@ class Recording:
         Raises:
             ConfigError: if it is no recording, or is damaged.
         """
+        arrays = read_arrays(file)
         try:
-            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as kept:
-                about = json.loads(str(kept[ABOUT]))
-                arrays = {name: kept[name].astype(np.float64) for name in _ARRAYS}
-            reference = Reference(**about["reference"] | {"joints": np.array(about["reference"]["joints"])})
-            recording = cls(**about | arrays | {"plant": Params(**about["plant"]), "reference": reference})
-            recording._check()
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, ValidationError) as error:
-            raise ConfigError(f"{file}: no recording, or damaged: {error}") from None
+            return cls._of_arrays(arrays)
+        except (ValueError, TypeError) as error:
+            reasons = str(error).splitlines()
+            raise ConfigError("\n".join(f"{file}: no recording, or damaged: {each}" for each in reasons)) from None
+
+    @classmethod
+    def _of_arrays(cls, arrays: dict[str, Array]) -> Self:
+        """Return the recording that a file's arrays describe; raises ValueError if there is none."""
+        if set(arrays) != {ABOUT, *_ARRAYS}:
+            raise ValueError(f"holds {', '.join(sorted(arrays)[:5])}")
+        about = build(About, parse_json(str(arrays.pop(ABOUT)), ABOUT), lambda key: ABOUT)
+        reference = Reference(**about.reference.model_dump() | {"joints": np.array(about.reference.joints)})
+        values = {name: array.astype(np.float64) for name, array in arrays.items()}
+        recording = cls(**dict(about) | values | {"reference": reference})
+        recording._check()
         return recording
 
     def _check(self) -> None:
         """Raise ValueError where arrays do not fit each other or the robot."""
-        model, rows = pack(self.plant), len(self.t)
-        n_p, n_u = len(model.panel_root), len(self.limit)
+        model, rows = pack(self.plant), self.t.size
+        n_p, n_u = len(model.panel_root), self.limit.size
         shapes = {
+            "t": (rows,), "limit": (n_u,), "joints": (len(model.link_mass),),
             "p": (rows, N_BASE + len(model.link_mass) + model.omega2.size + N_BASE * (model.object_mass > 0.0)),
             "applied": (rows, n_u), "B_hat": (rows, n_p, 3), "grasp": (rows, len(model.grasp_arm), 2),
-            "signals": (rows, N_SIGNALS), "tips": (len(self.tips), n_p),
+            "signals": (rows, N_SIGNALS), "tips": (*self.tips.shape[:1], n_p),
         }  # fmt: skip
+        arrays = {name: getattr(self, name) for name in _ARRAYS} | {"joints": self.reference.joints}
         for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} has the shape {getattr(self, name).shape} instead of {shape}")
+            if arrays[name].shape != shape:
+                raise ValueError(f"{name} has the shape {arrays[name].shape} instead of {shape}")
+        if rows == 0:
+            raise ValueError("holds no state")
+        for name in "t", "p", "applied", "limit":
+            if not (np.abs(arrays[name]) <= LARGEST).all():
+                raise ValueError(f"{name} must be finite, and at most {LARGEST:.0e}")
 
 
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.type == "Array")
 
 
-def recording_file(folder: Path, policy: str) -> Path:
-    """Return where a run folder keeps the recording of a policy, whose name may be a path."""
-    return folder / RECORDINGS / (quote(policy, safe="") + SUFFIX)
+def recording_name(policy: str) -> str:
+    """Return the name of a policy's recording in a run folder."""
+    return f"{RECORDINGS}/{file_name(policy)}{SUFFIX}"
 
 
-def recording_files(folder: Path) -> list[Path]:
-    """Return the recordings of a run folder, sorted by the policies' names."""
-    return sorted((folder / RECORDINGS).glob("*" + SUFFIX))
+def recording_files(run: RunFolder) -> list[Path]:
+    """Return the recordings of a run that are still there, sorted by the policies' names."""
+    names = sorted(name for name in run.files if name.startswith(f"{RECORDINGS}/") and name.endswith(SUFFIX))
+    return [file for file in map(run.file, names) if os.path.lexists(file)]
 
 
 def actuator_limits(episode: Episode) -> Array:

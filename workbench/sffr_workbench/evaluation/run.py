@@ -15,9 +15,11 @@ from sffr_baselines.laws import ORACLES
 from sffr_baselines.policies import Policy, check_titles, make_policy
 from sffr_baselines.rollout import Trajectory, result_of, rollout
 from sffr_gym import ConfigError, Params
-from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
+from sffr_gym.config.arguments import check_arguments
+from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
-from sffr_gym.task.scenario import EVALUATION_SEED, Scenario, load_scenario
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario, load_scenario
 from sffr_gym.task.score import REFERENCE, Result
 from sffr_workbench.common import Progress, ignore
 
@@ -52,6 +54,68 @@ class Evaluation:
         return REFERENCE if REFERENCE in self.results else next(iter(self.results))
 
 
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """What an evaluation runs; everything that can be told before anything runs is valid."""
+
+    policies: tuple[Policy, ...]  #: in the order of tables, oracles among them
+    file: str | os.PathLike[str]  #: the scenario's name or file
+    scenario: Scenario
+    params: Params
+    episodes: int | None  #: of each policy; None for 10, or for 1 if the scenario draws nothing
+    seed: int  #: of the first episode
+
+
+def plan_evaluation(
+    policies: Sequence[str],
+    scenario: str | os.PathLike[str] = "nominal",
+    episodes: int | None = None,
+    seed: int = EVALUATION_SEED,
+    params: ParamsLike = None,
+    overrides: Sequence[str] = (),
+) -> EvaluationPlan:
+    """Return what an evaluation is to run; see :func:`evaluate`.
+
+    Raises:
+        ConfigError: for anything that is not valid.
+    """
+    resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
+    runners = make_policies(with_oracles(policies, chosen), resolved)
+    asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
+    return EvaluationPlan(tuple(runners), scenario, chosen, resolved, asked.episodes, asked.seed)
+
+
+def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluation:
+    """Run policies on the same episodes of a scenario.
+
+    Args:
+        plan: what to run.
+        progress: see :func:`evaluate`.
+
+    Raises:
+        ConfigError: for an episode that cannot be run.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    progress(plan.policies[0].name, 0, 0)  # what follows may have to compile
+    env = SFFRFlexEnv(scenario=plan.file, params=plan.params)
+    env.reset(seed=plan.seed)
+    episodes = plan.episodes or (DEFAULT_EPISODES if env.episode.drawn else 1)
+    ends = np.cumsum([0, *(_length(env, plan.seed + i) for i in range(episodes))]).tolist()
+    total = ends[-1] * len(plan.policies)
+    results: dict[str, list[Result]] = {policy.name: [] for policy in plan.policies}
+    first: dict[str, Trajectory] = {}
+    for k, policy in enumerate(plan.policies):
+        for i in range(episodes):
+            begun = ends[-1] * k + ends[i]
+            progress(policy.name, begun, total)
+            trajectory = rollout(env, policy, plan.seed + i, episode_progress(progress, policy.name, begun, total))
+            first.setdefault(policy.name, trajectory)
+            results[policy.name].append(result_of(trajectory))
+    progress(plan.policies[-1].name, total, total)
+    elapsed = time.perf_counter() - clock
+    return Evaluation(plan.scenario, plan.params, episodes, plan.seed, results, first, started, elapsed)
+
+
 def evaluate(
     policies: Sequence[str],
     scenario: str | os.PathLike[str] = "nominal",
@@ -76,32 +140,7 @@ def evaluate(
     Raises:
         ConfigError: for anything that is not valid; nothing has run then.
     """
-    started, clock = datetime.now(UTC), time.perf_counter()
-    resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
-    runners = make_policies(with_oracles(policies, chosen), resolved)
-    if seed < 0:
-        raise ConfigError(f"seed = {seed}: must be at least 0")
-    if episodes is not None and episodes < 1:
-        raise ConfigError(f"episodes = {episodes}: must be at least 1")
-    progress(runners[0].name, 0, 0)  # what follows may have to compile
-    env = SFFRFlexEnv(scenario=scenario, params=resolved)
-    _, info = env.reset(seed=seed)
-    if episodes is None:
-        episodes = DEFAULT_EPISODES if info["drawn"] else 1
-    ends = np.cumsum([0, *(_length(env, seed + i) for i in range(episodes))]).tolist()
-    total = ends[-1] * len(runners)
-    results: dict[str, list[Result]] = {policy.name: [] for policy in runners}
-    first: dict[str, Trajectory] = {}
-    for k, policy in enumerate(runners):
-        for i in range(episodes):
-            begun = ends[-1] * k + ends[i]
-            progress(policy.name, begun, total)
-            trajectory = rollout(env, policy, seed + i, episode_progress(progress, policy.name, begun, total))
-            first.setdefault(policy.name, trajectory)
-            results[policy.name].append(result_of(trajectory))
-    progress(runners[-1].name, total, total)
-    elapsed = time.perf_counter() - clock
-    return Evaluation(chosen, resolved, episodes, seed, results, first, started, elapsed)
+    return run_evaluation(plan_evaluation(policies, scenario, episodes, seed, params, overrides), progress)
 
 
 def with_oracles(policies: Sequence[str], scenario: Scenario) -> list[str]:

@@ -16,16 +16,18 @@ from gymnasium.error import DependencyNotInstalled
 from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
-from sffr_gym.config.files import write_whole
+from sffr_gym.config.arguments import check_arguments
+from sffr_gym.config.files import check_target, write_whole
+from sffr_gym.envs.arguments import ParamsLike, resolve_params
 from sffr_gym.envs.pictures import require_pillow
-from sffr_gym.envs.single import ParamsLike, SFFRFlexEnv, resolve_params
+from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
-from sffr_gym.task.scenario import EVALUATION_SEED
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore, require
-from sffr_workbench.evaluation import check_file, episode_progress, make_policies, recorded_signals
+from sffr_workbench.evaluation import episode_progress, make_policies, recorded_signals
 from sffr_workbench.figures.encoding import choose_codec, gif, mp4
 from sffr_workbench.figures.style import policy_colours
 
@@ -33,11 +35,11 @@ if TYPE_CHECKING:
     from sffr_gym.render.renderer import Renderer, Snapshot, Style
 
 FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it, and the extra that brings that
+MOST_PICTURES = 50_000  # some hours of drawing
+MOST_PIXELS = 4e9  # of a GIF, a byte each, which are in memory together
 MAX_POLICIES = 2  # beside each other
 GAP = 4  # pixels between them
 RATES = (1, 2, 4, 5, 10, 20, 25, 50)  # pictures a second whose time is a whole number of a GIF's hundredths
-MOST_PICTURES = 20_000  # which take a quarter of an hour to draw
-MOST_PIXELS = 4e9  # of a GIF, a byte each, which are in memory together
 LIMITS = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
 TITLES = {"none": "no suppression", "hsc": "HSC", "ahsc": "AHSC", "ahsc-filtered": "AHSC, filtered", "lqr": "LQR"}
 
@@ -66,7 +68,7 @@ class MovieOptions:
             require_pillow()
         except DependencyNotInstalled as error:
             raise ConfigError(str(error)) from None
-        check_file(out, overwrite)
+        check_target(out, overwrite)
         if out.suffix == ".gif" and self.fps not in RATES:
             rates = ", ".join(map(str, RATES))
             raise ConfigError(
@@ -85,18 +87,19 @@ class MovieOptions:
         return max(round(end * self.fps / self.speed), 1)
 
     def check_count(self, out: Path, longest: float, policies: int) -> None:
-        """Make sure that neither time nor memory runs out.
+        """Make sure that an episode of a length [s] makes no more pictures than anyone waits for, or memory holds.
 
         Raises:
-            ConfigError: for too many pictures.
+            ConfigError: for too many.
         """
         count, pixels = self.count(longest), self.size * (self.size * policies + GAP * (policies - 1))
         most = MOST_PICTURES if out.suffix == ".mp4" else min(MOST_PICTURES, int(MOST_PIXELS / pixels))
         if count > most:
-            more = "" if most == MOST_PICTURES else ", a smaller --size, or an MP4"
+            shown = longest if self.duration is None else min(self.duration, longest)
+            smaller = "" if most == MOST_PICTURES else f", lower size = {self.size}, make an MP4"
             raise ConfigError(
-                f"{out}: would have {count:,} pictures, at most {most:,}; take a higher --speed, a lower --fps, a "
-                f"shorter --duration{more}"
+                f"duration = {shown:g} s: makes {count:.2g} pictures, at most {most}: shorten it, raise speed = "
+                f"{self.speed:g}{smaller}, or lower fps = {self.fps}"
             )
 
 
@@ -135,12 +138,11 @@ def animate(
     runners = make_policies(policies, resolved)
     if len(runners) > MAX_POLICIES:
         raise ConfigError(f"{len(runners)} policies: at most {MAX_POLICIES} fit side by side")
-    if seed < 0:
-        raise ConfigError(f"seed = {seed}: must be at least 0")
+    seed = check_arguments(EpisodeRange, seed=seed).seed
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env, trajectories = SFFRFlexEnv(scenario, resolved), []
     env.reset(seed=seed)
-    options.check_count(out, env.ticks * resolved.control.period, len(runners))
+    options.check_count(out, env.ticks * env.params.control.period, len(runners))
     width = len(runners) * (options.size + GAP) - GAP
     codec = choose_codec(options.size, width, options.fps) if out.suffix == ".mp4" else ""
     for runner in runners:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,10 +23,10 @@ from sffr_workbench.figures.robot import path_figure
 from sffr_workbench.figures.style import (
     SHORT,
     canvas,
+    draw_figures,
     legend_columns,
     plain,
     policy_colours,
-    save_figures,
     title_with_limit,
 )
 
@@ -61,14 +60,14 @@ class FigureData:
         return lines
 
 
-def save_episode_figures(folder: Path, trajectories: Mapping[str, Trajectory]) -> list[Path]:
-    """Draw a trajectory of each policy, all in the same episode, into a folder and return the files.
+def draw_episode_figures(trajectories: Mapping[str, Trajectory]) -> dict[str, bytes]:
+    """Draw a trajectory of each policy, all in the same episode, and return the contents of the PNG files by name.
 
     Raises:
         ConfigError: see :func:`style.load_matplotlib`.
     """
     painters = dict(zip(FIGURE_FILES, (path, tracking, panels, damping, forces), strict=True))
-    return save_figures(folder, painters, figure_data(trajectories))
+    return draw_figures(painters, figure_data(trajectories))
 
 
 def figure_data(trajectories: Mapping[str, Trajectory]) -> FigureData:

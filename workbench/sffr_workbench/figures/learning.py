@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sffr_agents.folder import PROGRESS, STEPS, read_run
+from sffr_agents.folder import PROGRESS, SECONDS, STEPS, read_run
+from sffr_agents.progress import read_progress
 from sffr_baselines import make_policy
 from sffr_baselines.learned import LearnedSchedule
 from sffr_baselines.rollout import Trajectory, rollout
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCORE, SECONDS = "score/{}/vibration", "time/seconds"
+SCORE = "score/{}/vibration"
 TIPS = (0.25, 0.1, 0.03, 0.01)  # m, swings that are shown
 SHADES = ("#440154", "#31688E", "#35B779", "#B5A800")  # of them
 PHASES, PLACES = 121, 24  # of the swing, and around the circle
@@ -51,18 +52,19 @@ def read_curve(folder: Path) -> Curve:
     """Read a run's comparisons with AHSC.
 
     Raises:
-        ConfigError: if it holds none.
+        ConfigError: if it holds none, or a damaged file.
     """
     config, seed = read_run(folder)
     file = folder / PROGRESS
     names = config.validation.scenarios
-    rows = []
-    if file.is_file():
-        with file.open(newline="", encoding="utf-8") as text:
-            rows = [row for row in csv.DictReader(text) if row.get(SCORE.format(names[0]))]
+    lines = enumerate(read_progress(file) if file.exists() else [], 2)
+    rows = {number: row for number, row in lines if row.get(SCORE.format(names[0]))}
     if not rows:
         raise ConfigError(f"{folder}: has not been compared with {REFERENCE} yet")
-    columns = {key: np.array([float(row[key]) for row in rows]) for key in (STEPS, SECONDS, *map(SCORE.format, names))}
+    columns = {
+        key: np.array([_number(row, key, f"{file}:{number}") for number, row in rows.items()])
+        for key in (STEPS, SECONDS, *map(SCORE.format, names))
+    }
     return Curve(
         config.algo, seed, columns[STEPS], columns[SECONDS], {name: columns[SCORE.format(name)] for name in names}
     )
@@ -130,6 +132,19 @@ def schedule_figure(schedule: LearnedSchedule, params: Params) -> Figure:
         axes.axhline(1.0, color=POLICY_COLOURS[REFERENCE], linewidth=1.0)
     _draw_episode(grid[1], schedule, params)
     return legend(figure, grid[0, 0], title="swing of the tip")
+
+
+def _number(row: dict[str, str], key: str, where: str) -> float:
+    """Return a number of a row; raises ConfigError if it is none, or steps or time are not finite."""
+    try:
+        value = float(row[key])
+    except KeyError:
+        raise ConfigError(f"{where}: has no column {key!r}") from None
+    except ValueError:
+        raise ConfigError(f"{where}: {key} = {row[key]!r}: must be a number") from None
+    if key in (STEPS, SECONDS) and not isfinite(value):
+        raise ConfigError(f"{where}: {key} = {row[key]!r}: must be finite")
+    return value
 
 
 def _cut(curve: Curve, count: int) -> Curve:

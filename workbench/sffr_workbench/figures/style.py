@@ -46,27 +46,26 @@ def policy_colours(policies: Iterable[str]) -> dict[str, str]:
     return POLICY_COLOURS | {policy: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, policy in enumerate(others)}
 
 
-def save_figures(folder: Path, painters: Mapping[str, Painter], *data: Any) -> list[Path]:
-    """Draw figures and write them as PNG.
+def draw_figures(painters: Mapping[str, Painter], *data: Any) -> dict[str, bytes]:
+    """Draw figures and return them as the contents of PNG files; one without anything to show has none.
 
     Args:
-        folder: made if need be.
         painters: by file name.
         data: what they draw.
-
-    Returns:
-        The files; a figure without anything to show has none.
 
     Raises:
         ConfigError: see :func:`load_matplotlib`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    files = []
     with drawing():
-        for name, paint in painters.items():
-            if (figure := paint(*data)) is not None:
-                files.append(write_whole(folder / name, png(figure)))
-    return files
+        drawn = {name: paint(*data) for name, paint in painters.items()}
+        return {name: png(figure) for name, figure in drawn.items() if figure is not None}
+
+
+def save_figures(folder: Path, painters: Mapping[str, Painter], *data: Any) -> list[Path]:
+    """Draw figures into a folder, which is made if need be, and return the files; see :func:`draw_figures`."""
+    contents = draw_figures(painters, *data)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write_whole(folder / name, content) for name, content in contents.items()]
 
 
 def load_matplotlib() -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from sffr_gym import ConfigError
-from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.config.files import check_target, to_json, write_whole
 from sffr_gym.config.provenance import package_version
+from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.common import template
-from sffr_workbench.evaluation import check_file
+from sffr_workbench.evaluation import open_run
 from sffr_workbench.figures import policy_colours
 from sffr_workbench.report.replay import episode_data, group_by_episode
 from sffr_workbench.report.runs import Run, read_run
@@ -26,29 +27,36 @@ SCRIPTS = (
 )  # fmt: skip
 
 
-def write_report(folders: Sequence[Path], out: Path, overwrite: bool = False) -> Path:
+def write_report(folders: Sequence[Path], out: Path | None = None, overwrite: bool = False) -> Path:
     """Write the report of finished runs.
 
     Args:
         folders: that ``sffr evaluate`` or ``sffr benchmark`` left.
-        out: the file to write; its folder is made if need be.
+        out: the file to write, its folder made if need be; None for one in the first run's folder.
         overwrite: whether it may be replaced.
 
     Returns:
         The file.
 
     Raises:
-        ConfigError: if a folder holds no finished run, is given twice, or the file is there already.
+        ConfigError: if a folder holds no finished run, or a damaged one, or is given twice, or the file is there
+            already.
         ModuleNotFoundError: without jinja2.
     """
-    check_file(out, overwrite)
     real = [folder.resolve() for folder in folders]
     for folder in real:
         if real.count(folder) > 1:
             raise ConfigError(f"{folder}: is given twice")
-    text = report_page([read_run(folder) for folder in folders])
-    out.parent.mkdir(parents=True, exist_ok=True)
-    return write_whole(out, text.encode())
+    if out is not None:
+        check_target(out, overwrite)
+        text = report_page([read_run(folder) for folder in folders])
+        out.parent.mkdir(parents=True, exist_ok=True)
+        return write_whole(out, text.encode())
+    first = open_run(folders[0])
+    check_target(first.path / REPORT_FILE, overwrite)
+    with RunFolder.claim(first.path, first.kind, resume=True) as run:
+        run.check_names([REPORT_FILE])
+        return run.write(REPORT_FILE, report_page([read_run(folder) for folder in folders]).encode())
 
 
 def report_page(runs: Sequence[Run]) -> str:
@@ -57,7 +65,7 @@ def report_page(runs: Sequence[Run]) -> str:
 
     page = template("sffr_workbench.report").render(
         runs=runs, episodes=json.loads(to_json(_episodes(runs))),  # without NaN, which JavaScript refuses
-        manifests=[to_json(run.manifest) for run in runs],
+        manifests=[run.repeat for run in runs],
         title=", ".join(dict.fromkeys(result.scenario for run in runs for result in run.results)),
         version=package_version("sffr-gym"), style=Markup(_texts(STYLES)), script=Markup(_texts(SCRIPTS)),
     )  # fmt: skip

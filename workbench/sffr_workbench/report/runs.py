@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 import functools
-import json
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sffr_gym import ConfigError
-from sffr_gym.config.provenance import MANIFEST
+from sffr_gym.config.files import to_json
+from sffr_gym.config.reading import read_bytes
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_workbench import benchmark
 from sffr_workbench.benchmark import by_scenario
 from sffr_workbench.common import describe_commit, describe_versions, format_number, plural, png_uri, prefixed_unit
-from sffr_workbench.evaluation import COLUMNS, FIGURE_FILES, Recording, read_episodes, recording_files
+from sffr_workbench.evaluation import (
+    COLUMNS,
+    FIGURE_FILES,
+    Manifest,
+    Recording,
+    open_run,
+    read_episodes,
+    read_manifest,
+    recording_files,
+)
 
-IMAGES = ("", "images")  # folders in a run's with its figures
+MOST_FIGURE = 20_000_000  # bytes; ours have 200 kB
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 TITLES = {
     "path.png": "The robot on its path", "tracking.png": "Tracking", "panels.png": "The panels",
     "damping.png": "Virtual damping", "forces.png": "Actuators", "benchmark-intervals.png": "Costs with 95 % intervals",
@@ -75,7 +87,8 @@ class Run:
 
     name: str  #: of its folder
     results: list[Result]  #: all its episodes
-    manifest: dict[str, Any]  #: how to repeat it
+    manifest: Manifest  #: how to repeat it
+    repeat: str  #: all of that, as its file has it
     figures: list[EmbeddedFigure]  #: that it drew
     recordings: list[Recording]  #: of an episode of each policy, in the manifest's order
 
@@ -101,13 +114,14 @@ class Run:
     @property
     def facts(self) -> dict[str, str]:
         """Return what of the manifest people look for first."""
+        about = self.manifest
         found = {
-            "command": self.manifest.get("command", ""),
-            "started": self.manifest.get("started", ""),
-            "took": f"{format_number(self.manifest.get('duration_s', float('nan')))} s",
-            "commit": describe_commit(self.manifest.get("git")),
-            "versions": describe_versions(self.manifest.get("versions") or {}),
-            "machine": f"{self.manifest.get('platform', '')}, {self.manifest.get('cpus', '?')} processors",
+            "command": about.command,
+            "started": about.started,
+            "took": f"{format_number(about.duration_s)} s",
+            "commit": describe_commit(about.git.model_dump() if about.git else None),
+            "versions": describe_versions(about.versions),
+            "machine": f"{about.platform}, {'?' if about.cpus is None else about.cpus} processors",
         }
         return {name: text for name, text in found.items() if text}
 
@@ -118,23 +132,24 @@ def read_run(folder: Path) -> Run:
     Raises:
         ConfigError: if it holds no finished run, or a damaged file.
     """
-    results = read_episodes(folder)
-    file = folder / MANIFEST
-    try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError) as error:
-        raise ConfigError(f"{file}: no manifest of a run: {error}") from None
-    order = {policy: k for k, policy in enumerate(manifest.get("policies", ()))}
-    recordings = sorted(
-        map(Recording.read, recording_files(folder)), key=lambda each: order.get(each.policy, len(order))
-    )
-    return Run(folder.resolve().name, results, manifest, embedded_figures(folder), recordings)
+    run = open_run(folder)
+    results, (facts, manifest) = read_episodes(run), read_manifest(run)
+    order = {policy: k for k, policy in enumerate(facts.policies)}
+    recordings = sorted(map(Recording.read, recording_files(run)), key=lambda each: order.get(each.policy, len(order)))
+    return Run(folder.resolve().name, results, facts, to_json(manifest), embedded_figures(run), recordings)
 
 
-def embedded_figures(folder: Path) -> list[EmbeddedFigure]:
-    """Read the figures of a run folder."""
-    files = [folder / sub / name for name in (*FIGURE_FILES, *benchmark.FIGURE_FILES) for sub in IMAGES]
-    return [EmbeddedFigure(TITLES[file.name], png_uri(file.read_bytes())) for file in files if file.is_file()]
+def embedded_figures(run: RunFolder) -> list[EmbeddedFigure]:
+    """Read the figures of a run that are still there; raises ConfigError for one that is no PNG file."""
+    figures = []
+    for name in (*FIGURE_FILES, *(f"{benchmark.IMAGES}/{name}" for name in benchmark.FIGURE_FILES)):
+        file = run.file(name)
+        if name in run.files and os.path.lexists(file):
+            content = read_bytes(file, MOST_FIGURE)
+            if not content.startswith(PNG):
+                raise ConfigError(f"{file}: is no PNG file, or is damaged")
+            figures.append(EmbeddedFigure(TITLES[name.rpartition("/")[2]], png_uri(content)))
+    return figures
 
 
 def score_table(scenario: str, group: Mapping[str, Sequence[Result]]) -> ScoreTable:

@@ -45,11 +45,17 @@ def spectrum(recording: Recording) -> dict[str, Any]:
 
 
 def mode_frequencies(recording: Recording) -> list[float]:
-    """Return the natural frequencies [Hz] of the whole robot at the episode's start, below ``HIGHEST``."""
+    """Return the natural frequencies [Hz] of the whole robot at the episode's start, below ``HIGHEST``.
+
+    None of a state so far beyond the model's range that its mass matrix is not positive definite to rounding.
+    """
     if not np.isfinite(recording.p[0]).all():
         return []
     sim = Simulator(recording.plant)
-    frequencies: Array = sim.frequencies(sim.unflatten(0.0, recording.p[0], np.zeros_like(recording.p[0])))
+    try:
+        frequencies: Array = sim.frequencies(sim.unflatten(0.0, recording.p[0], np.zeros_like(recording.p[0])))
+    except np.linalg.LinAlgError:
+        return []
     return [_short(f) for f in frequencies / (2.0 * np.pi) if f <= HIGHEST]
 
 

@@ -17,6 +17,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.model import Model, joint_slice, pack
 from sffr_gym.task.metrics import measure
 from sffr_gym.task.observation import held_joints
+from sffr_gym.task.scenario import load_scenario
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore
 
@@ -135,6 +136,4 @@ def task_errors(trajectory: Trajectory, model: Model) -> list[TaskErrors]:
 
 def _environment(params: Params, duration: float | None) -> SFFRFlexEnv:
     """Return the environment of the nominal scenario, its episodes cut to a duration."""
-    env = SFFRFlexEnv(scenario="nominal", params=params)
-    env.scenario = env.scenario.model_copy(update={"duration": duration})
-    return env
+    return SFFRFlexEnv(scenario=load_scenario("nominal").model_copy(update={"duration": duration}), params=params)

@@ -6,8 +6,9 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import PACKAGES, git_state, package_version
+from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.common import Progress, describe_commit, describe_versions
 from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.reproduce.adaptation_figures import adaptation_figures
@@ -20,30 +21,34 @@ from sffr_workbench.reproduce.piezo_figure import piezo_figure
 from sffr_workbench.reproduce.stability_figure import stability_figure
 
 PAGE_FILE, MARKDOWN_FILE, CLAIMS_FILE = "index.html", "claims.md", "claims.json"
+FIGURE_FILES = (
+    "fig06.png", "fig06_starts.png", "fig07.png", "fig08.png", "fig09.png", "fig10.png", "fig11.png", "fig12.png",
+    "fig13.png", "adaptation_integral.png", "gains.png", "stability.png", "piezo_authority.png",
+)  # fmt: skip
 
 
 def reproduce(
-    folder: Path, command: Sequence[str], duration: float | None, progress: Progress
+    run: RunFolder, command: Sequence[str], duration: float | None, progress: Progress
 ) -> tuple[list[Claim], list[Path]]:
-    """Run everything and write pictures, claims and page; the claims' JSON last, as the sign of a finished run.
+    """Run everything and write pictures, claims and page, together at the end.
 
     Args:
-        folder: made if need be.
+        run: the folder.
         command: the command line as typed.
         duration: of each run [s]; None for once around the circle.
         progress: called with what is being done.
 
     Returns:
-        The claims and the files, in the order in which they were written.
+        The claims and the files.
 
     Raises:
-        ConfigError: see :func:`sffr_workbench.figures.style.load_matplotlib`.
+        ConfigError: if a file is in the way that the folder's run did not write; nothing has run then.
+            Also without matplotlib; see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
+    run.check_names([*FIGURE_FILES, PAGE_FILE, MARKDOWN_FILE, CLAIMS_FILE])
     runs = run_cases(duration, progress)
     progress("the independent codes", 1, 2)
     claims = assess_claims(runs, run_cross_checks())
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CLAIMS_FILE).unlink(missing_ok=True)
     with drawing():
         figures = paper_figures(runs) + adaptation_figures(runs)
         figures += [stability_figure(runs.params), piezo_figure(runs.params)]
@@ -57,7 +62,7 @@ def reproduce(
         CLAIMS_FILE: to_json(claims_data(claims) | {"command": shlex.join(command), "duration_s": duration}),
     }
     contents = pngs | {name: text.encode() for name, text in texts.items()}
-    return claims, [write_whole(folder / name, content) for name, content in contents.items()]
+    return claims, run.replace(contents, remove=run.files)
 
 
 def note(command: Sequence[str], duration: float | None) -> str:

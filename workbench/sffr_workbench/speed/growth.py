@@ -59,7 +59,7 @@ def _with_links(count: int) -> Sequence[str]:
     place = next(i for i, arm in enumerate(params.arms) if arm.name == "antenna")
     more = count - params.n_links
     at = 3 + sum(len(arm.links) for arm in params.arms[: place + 1])
-    q, qd = list(params.initial.q), list(params.initial.qd)
+    q, qd = list(params.initial.q), list(params.initial.qd or ())
     q[at:at], qd[at:at] = [0.0] * more, [0.0] * more
     link = data["arms"][place]["links"][0]
     return f"arms.{place}.links={[link] * (more + 1)}", f"initial.q={q}", f"initial.qd={qd}"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +15,26 @@ from rich.text import Text
 
 import sffr_gym
 from sffr_gym import ConfigError
-from sffr_gym.config.files import to_json, write_whole
+from sffr_gym.compile.threads import available_cores
+from sffr_gym.config.files import check_target, to_json, write_whole
 from sffr_gym.config.provenance import git_state, package_version
-from sffr_workbench.common import available_cores, describe_versions, markdown_table, terminal_table
+from sffr_gym.config.reading import read_text
+from sffr_gym.config.run_folder import RunFolder
+from sffr_workbench.common import describe_versions, markdown_table, terminal_table
 from sffr_workbench.common.numbers import format_measurement
 from sffr_workbench.speed.measure import Row, Section
-from sffr_workbench.speed.precision import PICTURE, save_picture
+from sffr_workbench.speed.precision import PICTURE, draw_picture
 from sffr_workbench.speed.targets import Target
 
-RESULT_FILE = "bench.json"
+RESULT_FILE, DRAWN = "bench.json", "precision"  # the latter is the section with a picture
 IMAGES = "images"  # folder of a Markdown file's pictures, beside it
 PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "mujoco", "sffr-gym")
 COLUMNS = ("", "median", "unit", "lowest", "highest", "ours is", "")
 TEXTS = (0, 2, 6)  # columns; the others hold numbers
 BEGIN, END = "<!-- written by sffr bench -->", "<!-- end -->"
+MOST_DOC = 10_000_000  # bytes of a Markdown file
+
+DocWriter = Callable[[Sequence[Section], Sequence[Target], Sequence[str]], None]
 
 
 def section_table(section: Section) -> Table:
@@ -51,15 +59,14 @@ def target_table(targets: Sequence[Target]) -> Table:
     return table
 
 
-def write_result(
-    folder: Path,
+def result_json(
     sections: Sequence[Section],
     targets: Sequence[Target],
     repeats: int,
     quick: bool,
     command: Sequence[str],
-) -> Path:
-    """Write everything that was measured as JSON, with machine, versions and command."""
+) -> str:
+    """Return everything that was measured as JSON, with machine, versions and command."""
     result = {
         "command": shlex.join(command),
         "quick": quick,
@@ -75,8 +82,13 @@ def write_result(
             for section in sections
         },
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_whole(folder / RESULT_FILE, to_json(result).encode())
+    return to_json(result)
+
+
+def picture(sections: Sequence[Section]) -> dict[str, bytes]:
+    """Return the picture of what was measured by its name; none if there is nothing to draw."""
+    drawn = [section for section in sections if section.name == DRAWN]
+    return {PICTURE: draw_picture(drawn[0])} if drawn else {}
 
 
 def machine() -> dict[str, Any]:
@@ -91,20 +103,31 @@ def machine() -> dict[str, Any]:
     }
 
 
-def write_doc(file: Path, sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> None:
-    """Replace what stands between the markers of a Markdown file by the tables of this run, and its picture.
+@contextmanager
+def claimed_doc(file: Path, drawn: bool) -> Iterator[DocWriter]:
+    """Keep a Markdown file's folder for tables and picture of this run, and return what writes them.
+
+    Args:
+        file: has the markers between which the tables go.
+        drawn: whether there will be a picture, which goes into the folder ``images`` beside the file.
 
     Raises:
-        ConfigError: if the file is missing or has no markers.
+        ConfigError: if the file is missing, cannot be written or has no markers, or something of others is where the
+            picture would go; nothing has changed then.
     """
-    text = check_doc(file)
-    head, tail = text[: text.index(BEGIN)], text[text.index(END) :]
-    body = "\n".join(_markdown(sections, targets, command))
-    for section in sections:
-        if section.name == "precision":
-            (file.parent / IMAGES).mkdir(exist_ok=True)
-            save_picture(section, file.parent / IMAGES)
-    write_whole(file, f"{head}{BEGIN}\n\n{body}\n\n{tail}".encode())
+    check_doc(file)
+    check_target(file, overwrite=True)
+    if not drawn:
+        yield partial(_write_tables, file)
+        return
+    with RunFolder.claim(file.absolute().parent, "pages", resume=True, shared=True) as pages:
+        pages.check_names([f"{IMAGES}/{PICTURE}"])
+
+        def write(sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> None:
+            pages.replace({f"{IMAGES}/{name}": content for name, content in picture(sections).items()})
+            _write_tables(file, sections, targets, command)
+
+        yield write
 
 
 def check_doc(file: Path) -> str:
@@ -113,12 +136,18 @@ def check_doc(file: Path) -> str:
     Raises:
         ConfigError: if it is missing or has none.
     """
-    if not file.is_file():
-        raise ConfigError(f"{file}: no such file")
-    text = file.read_text(encoding="utf-8")
+    text = read_text(file, MOST_DOC)
     if not 0 <= text.find(BEGIN) < text.find(END):
         raise ConfigError(f"{file}: must hold the lines {BEGIN!r} and {END!r}, between which the tables go")
     return text
+
+
+def _write_tables(file: Path, sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> None:
+    """Replace what stands between the markers of a Markdown file by the tables of this run."""
+    text = check_doc(file)
+    head, tail = text[: text.index(BEGIN)], text[text.index(END) :]
+    body = "\n".join(_markdown(sections, targets, command))
+    write_whole(file, f"{head}{BEGIN}\n\n{body}\n\n{tail}".encode())
 
 
 def _markdown(sections: Sequence[Section], targets: Sequence[Target], command: Sequence[str]) -> Iterator[str]:
@@ -131,7 +160,7 @@ def _markdown(sections: Sequence[Section], targets: Sequence[Target], command: S
         yield f"\n### {section.title}\n"
         yield markdown_table(COLUMNS, _cells(section), TEXTS)
         yield from (f"\n{remark}" for remark in section.remarks)
-        if section.name == "precision":
+        if section.name == DRAWN:
             yield f"\n![Error at the end of the circle over time]({IMAGES}/{PICTURE})"
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from sffr_gym.config.files import write_whole
 from sffr_gym.physics.integrator import ETDRK4, RK4
 from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.speed.circle import Course, Drive, close_loop, drive, make_course, relative_errors
@@ -67,10 +65,10 @@ def precision(repeats: int, quick: bool) -> Section:
     ])  # fmt: skip
 
 
-def save_picture(section: Section, folder: Path) -> Path:
-    """Draw the diagram."""
+def draw_picture(section: Section) -> bytes:
+    """Draw the diagram and return the content of its PNG file."""
     with drawing({}):
-        return write_whole(folder / PICTURE, png(_picture(section)))
+        return png(_picture(section))
 
 
 def _picture(section: Section) -> Figure:

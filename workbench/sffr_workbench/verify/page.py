@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
-from sffr_gym.config.files import write_whole
 from sffr_gym.config.provenance import package_version
+from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.common import format_error, template
 from sffr_workbench.verify.check import Check
 from sffr_workbench.verify.figures import svg
@@ -16,15 +16,14 @@ PAGE_FILE = "verification.html"
 ENGINES = ("sffr-gym", "sympy", "pin", "mujoco", "exudyn")  # whose versions the page gives
 
 
-def write_page(checks: Sequence[Check], folder: Path) -> Path:
-    """Write the page into a folder, which is made if it is missing, and return the file.
+def write_page(checks: Sequence[Check], run: RunFolder) -> Path:
+    """Write the page of a finished verification into its folder and return the file.
 
     Raises:
         ModuleNotFoundError: without jinja2; without matplotlib, if a check has figures.
     """
-    text = checks_page(checks)
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_whole(folder / PAGE_FILE, text.encode())
+    (file,) = run.replace({PAGE_FILE: checks_page(checks).encode()}, remove=run.files)
+    return file
 
 
 def checks_page(checks: Sequence[Check]) -> str:

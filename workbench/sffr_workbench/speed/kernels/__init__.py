@@ -2,6 +2,6 @@
 
 from pathlib import Path
 
-from sffr_gym.compile.jit import cache_sources
+from sffr_gym.compile.cache import cache_sources
 
 cache_sources(__name__, Path(__file__).parent.rglob("*.py"))

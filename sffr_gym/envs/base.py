@@ -1,0 +1,127 @@
+"""What the single and the vector environment have in common: settled attributes, scenario, spec and state."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+from gymnasium.envs.registration import EnvSpec
+
+from sffr_gym.config.params import Params
+from sffr_gym.envs.arguments import ScenarioLike, plain, resolve_scenario
+from sffr_gym.envs.starts import check_starts
+from sffr_gym.envs.state import check_form
+from sffr_gym.task.episode import Nominal
+from sffr_gym.task.scenario import Scenario
+from sffr_gym.task.task_model import TaskModel
+
+_ANOTHER = "make another environment"
+_ROBOT = f"its plant is drawn by a scenario's `plant`; for another robot {_ANOTHER} with `params` or `overrides`"
+_DRAWN = "it is drawn at each reset from the scenario"
+_MOVING = "set_state() puts the environment into another state"
+
+
+class RobotEnvironment:
+    """What an environment was built with can be read but not set, as it is read only once; its state can be both.
+
+    Raises:
+        AttributeError: by setting what is settled; the message says what to do instead.
+    """
+
+    SETTLED: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("params", "prior_task", "fields"), _ROBOT),
+        **dict.fromkeys(("episode", "plant", "plant_task", "reference", "ticks"), _DRAWN),
+        **dict.fromkeys(("time", "positions", "velocities"), _MOVING),
+        **dict.fromkeys(("render_mode", "num_envs", "autoreset_mode"), f"{_ANOTHER} with it as an argument"),
+        "scenario": "reset(options={'scenario': ...}) changes it, from that reset on",
+        "np_random_seed": "reset(seed=...) seeds the environment",
+    }
+    _SAME: ClassVar[tuple[str, ...]] = ("params",)  # keys of a state whose values must be this environment's
+
+    params: Params  #: the robot as the controllers believe it to be
+    prior_task: TaskModel  #: the same, packed
+    _nominal: Nominal
+    _scenario: Scenario | None = None
+    _spec: EnvSpec | None = None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute, of the settled ones those that the constructor has not set yet."""
+        instead = self.SETTLED.get(name)
+        if instead and (name in self.__dict__ or isinstance(getattr(type(self), name, None), property)):
+            raise AttributeError(
+                f"{name} of {type(self).__name__} cannot be set, which would change nothing: {instead}"
+            )
+        super().__setattr__(name, value)
+
+    @property
+    def scenario(self) -> Scenario:
+        """What episodes are drawn from; ``reset(options={"scenario": ...})`` changes it."""
+        assert self._scenario is not None
+        return self._scenario
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium made the environment, its arguments as plain values: ``spec.to_json()`` can write them."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None if spec is None else replace(spec, kwargs=plain(spec.kwargs))
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
+        return copy.deepcopy(self._kept())
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned, of this environment or of another one with the same parameters.
+
+        Scenario, plants and random numbers are a part of the state. What the constructor was given is not, and is not
+        taken over: a state of other parameters is refused, since the controllers would go on believing in these.
+
+        Raises:
+            ValueError: for a state of other parameters or of another number of environments, or a damaged one; the
+                environment then stays as it was.
+        """
+        check_form(state, self._form(), self._SAME)
+        kept = copy.deepcopy(dict(state))
+        kept["scenario"] = self._checked_scenario(kept["scenario"])
+        self._put(kept, self._check(kept))
+
+    def _kept(self) -> dict[str, Any]:
+        """The parts of the state themselves."""
+        return {"params": self._hash, "scenario": self.scenario}
+
+    def _form(self) -> dict[str, Any]:
+        """What a state must look like, None for what :meth:`_check` looks at."""
+        return self._kept()
+
+    def _check(self, kept: dict[str, Any]) -> Any:
+        """Make sure that a state of the right form can be gone on from; raise ValueError otherwise.
+
+        Returns:
+            What :meth:`_put` needs beside the state.
+        """
+        raise NotImplementedError
+
+    def _put(self, kept: dict[str, Any], checked: Any) -> None:
+        """Make the parts of a checked state this environment's own."""
+        raise NotImplementedError
+
+    @cached_property
+    def _hash(self) -> str:
+        """What tells parameters apart."""
+        return self.params.hash()
+
+    def _checked_scenario(self, scenario: ScenarioLike) -> Scenario:
+        """Return a scenario whose episodes this robot can begin; raises ConfigError."""
+        resolved = resolve_scenario(scenario)
+        if resolved != self._scenario:
+            check_starts(self._distribution(resolved), self._nominal, self.prior_task)
+        return resolved
+
+    def _distribution(self, scenario: Scenario) -> Scenario:
+        """What episodes are drawn from."""
+        return scenario

@@ -1,0 +1,69 @@
+"""Whether the episodes of a scenario can be drawn for a robot, and begin inside of its observation space.
+
+Asked once, when an environment is built or gets another scenario, and not in the middle of a training.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.envs.batch import batch_memory, make_batch, start_episode
+from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.task.episode import Episode, Nominal, draw
+from sffr_gym.task.scenario import Scenario
+from sffr_gym.task.task_model import TaskModel, plant_of
+from sffr_gym.types import Array
+
+DRAWS = 24  # episodes that stand for all of a scenario
+SEED = 0  # of them
+BOUNDED_BY = {  # key of the parameters that bounds a field of the observation, by the field's unit
+    "m": "limits.position", "rad": "limits.angle", "m/s": "limits.velocity", "rad/s": "limits.rate",
+    "m/s2": "limits.velocity", "m, m, rad": "panel.length", "m/s, m/s, rad/s": "limits.rate",
+}  # fmt: skip
+
+
+class Extremes(np.random.Generator):
+    """Random numbers two thirds of which lie at the ends of their interval, to find the extremes of what is drawn."""
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """Return an end of the interval or a number inside, each as often."""
+        inside = super().uniform(low, high, size)
+        return (low, high, inside)[self.integers(3)]
+
+
+def check_starts(scenario: Scenario, known: Nominal, prior: TaskModel) -> None:
+    """Make sure that a scenario's episodes can be drawn, and that a start's true observation lies within its bounds.
+
+    Args:
+        scenario: what episodes are drawn from.
+        known: what the controllers believe.
+        prior: the same, packed.
+
+    Raises:
+        ConfigError: if the robot lacks what the scenario asks for, or a start lies outside of the observation space;
+            the message names the field, what it reaches, and the key of its bound.
+    """
+    rng, reached = Extremes(np.random.PCG64(SEED)), np.zeros(len(prior.bound))
+    for _ in range(DRAWS):
+        episode = draw(scenario, known, rng)
+        np.maximum(reached, np.abs(_observed(episode, prior)), out=reached)
+        if not episode.drawn:  # all are the same
+            break
+    for field in known.fields.values():
+        if field.size and reached[field.slice].max() > field.bound:
+            raise ConfigError(
+                f"{BOUNDED_BY[field.unit]}: bounds {field.name} to {field.bound:g} [{field.unit}], which a start of "
+                f"scenario '{scenario.name}' exceeds with {reached[field.slice].max():.4g}; widen it, or draw less"
+            )
+
+
+def _observed(episode: Episode, prior: TaskModel) -> Array:
+    """Return the true observation (n_o,) at the start of an episode, wherever it lies."""
+    plant = plant_of(prior, episode)
+    unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(prior, 1)
+    exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0))
+    start_episode(make_fleet(unbounded), batch, batch_memory(prior, 1), 0, exact)
+    return batch.obs[0]
