@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import DTypeLike
 from pydantic import BaseModel
 
-from sffr_gym.config.params import Params, load_params
-from sffr_gym.config.strict_yaml import SHIPPED, ConfigError, build, config_dir, merge, read_mapping
+from sffr_gym.config.params import Params, change_shipped, load_params
+from sffr_gym.config.strict_yaml import ConfigError, build
 from sffr_gym.task.scenario import Scenario, load_scenario
 
 ParamsLike = Params | Mapping[str, Any] | str | os.PathLike[str] | None
@@ -36,8 +36,7 @@ def resolve_params(params: ParamsLike, overrides: Sequence[str] = ()) -> Params:
     if isinstance(overrides, str) or not all(isinstance(each, str) for each in overrides):
         raise ConfigError(f"overrides = {overrides!r}: must be a list of assignments such as ['panel.EI=25']")
     if isinstance(params, Mapping):
-        shipped, _ = read_mapping(config_dir() / SHIPPED)
-        params = build(Params, merge(shipped, plain(params)), lambda _: "params")
+        params = change_shipped(plain(params), lambda _: "params")
     elif not isinstance(params, Params):
         if not isinstance(params, str | os.PathLike | None):
             raise ConfigError(f"params = {params!r}: must be Params, a file, a mapping of keys to values, or None")

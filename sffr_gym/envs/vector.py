@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import DTypeLike
 
+from sffr_gym.config.ranges import MOST_ENVS
 from sffr_gym.envs.arguments import (
     ParamsLike,
     ScenarioLike,
@@ -82,8 +83,8 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
                 observations.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
-        if not is_whole(num_envs) or num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs!r}")
+        if not is_whole(num_envs) or not 1 <= num_envs <= MOST_ENVS:
+            raise ValueError(f"num_envs must be at least 1 and at most {MOST_ENVS}, got {num_envs!r}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         self.num_envs = num_envs = int(num_envs)
