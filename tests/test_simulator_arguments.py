@@ -100,7 +100,8 @@ def test_lists_are_as_good_as_arrays(simulator: Simulator) -> None:
 
 def test_a_motion_beyond_all_numbers_is_an_error(simulator: Simulator) -> None:
     """Instead of a state that is none."""
-    with pytest.raises(FloatingPointError, match=r"^the motion grows beyond all numbers within dt = 0\.002 s"):
+    beyond = r"^the motion grows beyond all numbers within dt = 0\.002 s"
+    with np.errstate(all="ignore"), pytest.raises(FloatingPointError, match=beyond):
         simulator.step(simulator.initial_state(), wrench=[1e300, 0.0, 1e300])
 
 
@@ -120,7 +121,7 @@ def test_flat_vectors_and_commands_have_shapes(simulator: Simulator) -> None:
 @pytest.mark.parametrize(
     "settings",
     [{"max_step": value} for value in (0.0, -1.0, np.nan, np.inf, 1.0, 1e-300, True, "long", [1e-3])]
-    + [{"integrator": value} for value in ("", None or "null", 4, "rk4, x", "etdrk4\n")]
+    + [{"integrator": value} for value in ("", "null", 4, "rk4, x", "euler")]
     + [{"coupling": value} for value in ("none", True, "exact: 1")],
 )
 def test_settings_have_ranges(settings: dict[str, Any]) -> None:

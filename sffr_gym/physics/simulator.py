@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,6 +128,7 @@ class Simulator:
         applied = self.applied(base, joints, piezo_tau, piezo_volts)
         tau = self._forces(applied)
         tau[:3] += _vector("wrench", wrench, (3,))
+        state = self._own(state)
         p, v = self._flat(state)
         advance(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
         if not (np.isfinite(p).all() and np.isfinite(v).all()):
@@ -165,20 +166,21 @@ class Simulator:
 
     def mass_matrix(self, state: State) -> Array:
         """Return M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates."""
-        return self._assembled(state)[0]
+        return self._assembled(self._own(state))[0]
 
     def bias(self, state: State) -> Array:
         """Return the bias h (N,) of ``M zdd + h = Q``: velocity terms, elastic forces and strain-rate damping."""
-        return self._assembled(state)[1]
+        return self._assembled(self._own(state))[1]
 
     def acceleration(self, state: State, **command: ArrayLike | None) -> tuple[Array, Array, Array]:
         """Return accelerations ``qdd (n,), qfdd (n_p, n_f), objdd (3,)`` under a command as in :meth:`step`."""
-        _, a = self._evaluated(state, command)
+        _, a = self._evaluated(self._own(state), command)
         at = joint_slice(self.model).stop
         return a[:at], nodal(self.model, a[mode_slice(self.model)]), a[object_slice(self.model)]
 
     def energy(self, state: State) -> float:
         """Return the kinetic and strain energy of robot and object [J]."""
+        state = self._own(state)
         M, _ = self._assembled(state)
         zd = np.concatenate([state.qd, state.qfd.ravel()])
         energy = 0.5 * zd @ M @ zd + 0.5 * np.einsum("pf,fg,pg->", state.qf, self._beam.K, state.qf)
@@ -189,6 +191,7 @@ class Simulator:
 
     def momentum(self, state: State) -> Array:
         """Return linear momentum and angular momentum about the inertial origin (3,) [N s, N s, N m s]."""
+        state = self._own(state)
         M, _ = self._assembled(state)
         px, py, pz = (M @ np.concatenate([state.qd, state.qfd.ravel()]))[:3]
         total = np.array([px, py, pz + state.q[0] * py - state.q[1] * px])
@@ -201,6 +204,7 @@ class Simulator:
 
     def q_flex(self, state: State, **command: ArrayLike | None) -> Array:
         """Return the generalised force (n,) of the panels on the rigid part, Eq. 4; commands as in :meth:`step`."""
+        state = self._own(state)
         self._evaluated(state, command)
         force = np.zeros_like(state.q)
         force[:3] = flexible_wrench(self.model, self._flat(state)[1], self._work.dynamics)
@@ -208,13 +212,14 @@ class Simulator:
 
     def grasp_forces(self, state: State, **command: ArrayLike | None) -> Array:
         """Return the forces (n_g, 2) of the object on each gripper, inertial axes [N]; commands as in :meth:`step`."""
+        state = self._own(state)
         self._evaluated(state, command)
         pins = self._work.dynamics.grasps.pins
         return np.column_stack([pins.lam_x, pins.lam_y]) @ rotation(state.q[2]).T
 
     def constraint_drift(self, state: State) -> float:
         """Return the largest distance of a gripper from its grasp point [m]; 0 without an object."""
-        self._check(state)
+        state = self._own(state)
         if state.obj is None:
             return 0.0
         _, gap = monolithic.constraint_jacobian(self.model, state.q, state.qd, state.obj)
@@ -225,7 +230,7 @@ class Simulator:
 
         Of the panels' modes below the cuts; with an object, of the motion that the pins allow.
         """
-        self._check(state)
+        state = self._own(state)
         n = len(state.q)
         modes = block_diag(np.eye(n), *self.model.shapes)
         M = modes.T @ self._assembled(state)[0] @ modes
@@ -261,7 +266,6 @@ class Simulator:
         return tau
 
     def _assembled(self, state: State) -> tuple[Array, Array]:
-        self._check(state)
         return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
 
     def _duration(self, dt: float | None) -> float:
@@ -279,8 +283,8 @@ class Simulator:
             )
         return float(dt)
 
-    def _check(self, state: State) -> None:
-        """Raise ValueError if a state is not this robot's."""
+    def _own(self, state: State) -> State:
+        """Return a state as arrays of this robot's shapes; raise ValueError if it is not this robot's."""
         if not isinstance(state, State):
             raise ValueError(f"state must be a State, got {type(state).__name__}")
         n, elastic, body = (joint_slice(self.model).stop,), self.model.shapes.shape[:2], object_slice(self.model)
@@ -289,16 +293,17 @@ class Simulator:
             shapes |= {"obj": (3,), "objd": (3,)}
         elif state.obj is not None or state.objd is not None:
             raise ValueError("state.obj and state.objd must be None for a robot that carries no object")
+        arrays: dict[str, Any] = {}
         for name, shape in shapes.items():
             if (value := getattr(state, name)) is None:
                 raise ValueError(f"state.{name} must have shape {shape}, got None")
-            _vector(f"state.{name}", value, shape)
+            arrays[name] = _vector(f"state.{name}", value, shape)
+        return replace(state, **arrays | {"t": float(arrays["t"])})
 
     def _flat(self, state: State) -> tuple[Array, Array]:
-        """Return positions and velocities ``p, v`` (n,) of a state; raise ValueError if it is not this robot's."""
-        self._check(state)
+        """Return positions and velocities ``p, v`` (n,) of a state."""
         p, v = (
-            np.concatenate([rigid, modal(self.model, np.asarray(elastic)), [] if body is None else body], dtype=float)
+            np.concatenate([rigid, modal(self.model, elastic), [] if body is None else body])
             for rigid, elastic, body in ((state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd))
         )
         return p, v
