@@ -155,7 +155,7 @@ DAMAGES = {
     "array shorter": (array("environments/batch/1", lambda v: v[:1]), "must have the shape"),
     "array of another type": (array("environments/batch/0", lambda v: v.astype(np.float64)), "must be of type int64"),
     "time beyond": (array("environments/batch/0", lambda v: v + 10**12), "state.batch.tick: must lie in its range"),
-    "plant of another robot": (array("environments/fleet/1", lambda v: v + 1), "plant"),
+    "plant of another robot": (array("environments/fleet/1", lambda v: v + 1), "is of another robot than this"),
     "array pickled": (array("last/0", pickled), "must hold numbers or texts"),
     "array not there": (put("last/0", {"array": "none"}), "must be an array, is NoneType"),
     "array shared": (shared, "must be an array, is NoneType"),
