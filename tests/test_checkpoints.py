@@ -125,9 +125,7 @@ def gone(name):
 
 def shared(checkpoint):
     """Two names for one array, so that a change of the one would change the other."""
-    edit_state(
-        checkpoint, lambda data: at(data, "environments/_batch").__setitem__(2, at(data, "environments/_batch/1"))
-    )
+    edit_state(checkpoint, lambda data: at(data, "environments/batch").__setitem__(2, at(data, "environments/batch/1")))
 
 
 def pickled(values):
@@ -143,7 +141,7 @@ DAMAGES = {
     "state nested": (text(b"[" * 100_000), "is nested too deeply"),
     "state nested within": (
         lambda c: edit_state(c, lambda data: data.update(state=json.loads('{"items":{"a":' * 300 + "1" + "}}" * 300))),
-        "position",
+        "is nested too deeply",
     ),
     "state too large": (lambda c: os.truncate(c / STATE, MOST_STATE + 1), "is too large"),
     "state not there": (gone(STATE), "cannot be read"),
@@ -154,8 +152,10 @@ DAMAGES = {
     "arrays not there": (gone(ARRAYS), "cannot be read"),
     "arrays a folder": (lambda c: (gone(ARRAYS)(c), (c / ARRAYS).mkdir()), "cannot be read"),
     "arrays more than fit": (lambda c: os.truncate(c / ARRAYS, 10**8), "is too large"),
-    "array shorter": (array("environments/_batch/1", lambda v: v[:1]), "must have the shape"),
-    "array of another type": (array("environments/_batch/0", lambda v: v.astype(np.float64)), "must be of type int64"),
+    "array shorter": (array("environments/batch/1", lambda v: v[:1]), "must have the shape"),
+    "array of another type": (array("environments/batch/0", lambda v: v.astype(np.float64)), "must be of type int64"),
+    "time beyond": (array("environments/batch/0", lambda v: v + 10**12), "state.batch.tick: must lie in its range"),
+    "plant of another robot": (array("environments/fleet/1", lambda v: v + 1), "is of another robot than this"),
     "array pickled": (array("last/0", pickled), "must hold numbers or texts"),
     "array not there": (put("last/0", {"array": "none"}), "must be an array, is NoneType"),
     "array shared": (shared, "must be an array, is NoneType"),
@@ -164,7 +164,7 @@ DAMAGES = {
     "kinds of values mixed": (put("counters", {"array": "a0", "items": {}}), "must have one of"),
     "number that is none": (put("progress", {"number": "one"}), "'number' is no kind of value"),
     "no networks": (without("networks"), "has no 'networks'"),
-    "no batch": (without("environments/_batch"), "has no '_batch'"),
+    "no batch": (without("environments/batch"), "has no 'batch'"),
     "more than a state": (put("code", "x"), "has 'code', which is unknown"),
     "weights of another shape": (array("networks/actor.mu.weight", lambda v: v[:, :3]), "must have the shape (2, 8)"),
     "weights of another network": (without("networks/actor.mu.bias"), "has no 'actor.mu.bias'"),

@@ -131,9 +131,11 @@ def test_best_policy_is_the_one_that_cost_least(tmp_path, monkeypatch):
     assert not np.array_equal(best.network.flat(), last.network.flat())
 
 
-@pytest.mark.parametrize("seed", [-1, 900_000, 1_000_000])
-def test_seeds_of_evaluation_are_rejected(seed, tmp_path):
-    with pytest.raises(ConfigError, match="evaluation alone"):
+@pytest.mark.parametrize(
+    ("seed", "message"), [(-1, "must be at least 0"), (900_000, "evaluation alone"), (1_000_000, "evaluation alone")]
+)
+def test_seeds_of_evaluation_are_rejected(seed, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
         train(small("ppo"), seed, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

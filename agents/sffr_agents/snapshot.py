@@ -84,7 +84,7 @@ def template(model: BaseAlgorithm, env: VecMonitor, snapshot: Any) -> dict[str, 
         form["optimizers"][name] = {index: moments[index] for index in moments if index in _names(saved)}
     count = batch_of(env).num_envs
     drawn = np.zeros(count), np.zeros(count, dtype=np.bool_)
-    form["environments"]["_drawn"] = dict.fromkeys(_names(_at(snapshot, "environments", "_drawn")), drawn)
+    form["environments"]["drawn"] = dict.fromkeys(_names(_at(snapshot, "environments", "drawn")), drawn)
     form["generators"]["python"] = (form["generators"]["python"][0], None)
     return form
 
