@@ -42,10 +42,17 @@ def test_search_repeats(found, swinging):
     assert tune_hsc(load_params(), swinging, 2, 5, 9) == found[0]
 
 
-@pytest.mark.parametrize("seeds", [(999_999, 2), (1_000_000, 1), (-1, 3), (0, 0)])
-def test_evaluation_seeds_are_rejected(seeds, swinging):
-    seed, episodes = seeds
-    with pytest.raises(ConfigError, match="training takes at least one, from 0 to 999999"):
+@pytest.mark.parametrize(
+    ("seed", "episodes", "message"),
+    [
+        (999_999, 2, "seeds 999999 to 1000000: training takes those from 0 to 999999"),
+        (1_000_000, 1, "training takes those from 0 to 999999"),
+        (-1, 3, "seed = -1: must be at least 0"),
+        (0, 0, "episodes = 0: must be at least 1"),
+    ],
+)
+def test_evaluation_seeds_are_rejected(seed, episodes, message, swinging):
+    with pytest.raises(ConfigError, match=message):
         tune_hsc(load_params(), swinging, episodes, seed)
 
 
@@ -86,7 +93,7 @@ def test_command_says_what_is_wrong(tmp_path):
     taken = tmp_path / "mine.yaml"
     taken.write_text("a: 1")
     for arguments, message in (
-        (["--seed", "1000000"], "training takes at least one"),
+        (["--seed", "1000000"], "training takes those from 0 to 999999"),
         (["--out", str(tmp_path)], "is a folder"),
         (["--out", str(taken)], "is there already; choose another name with --out or add --overwrite"),
         (["--out", str(taken / "file.yaml")], "is not a folder"),
