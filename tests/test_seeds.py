@@ -5,15 +5,16 @@ import pytest
 from typer.testing import CliRunner
 
 from sffr_gym import ConfigError
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import Result
 from sffr_workbench.benchmark.seeds import over_seeds, score_seeds
 from sffr_workbench.cli.app import app
-from sffr_workbench.evaluation import EPISODES_FILE, episodes_csv
+from sffr_workbench.evaluation import EPISODES_FILE, PLAN_FILE, Identity, episodes_csv
 
 
 def episode(policy, seed, vibration, failure=""):
-    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration}
+    measures = dict.fromkeys(MEASURES, 1.0) | {"vibration": vibration, "failed": float(bool(failure))}
     return Result("excited", policy, seed, measures, failure, {})
 
 
@@ -75,9 +76,11 @@ def test_without_ahsc_or_pairs_there_is_no_score(results):
 
 
 def test_command_prints_a_table(results, tmp_path):
-    (tmp_path / EPISODES_FILE).write_text(episodes_csv(results))
-    result = CliRunner().invoke(app, ["seeds", str(tmp_path)])
-    assert result.exit_code == 0
+    plan = Identity(version="1", code="", config_hash="", scenarios={"excited": ""}, policies={})
+    with RunFolder.claim(tmp_path / "run", "benchmark") as run:
+        run.replace({EPISODES_FILE: episodes_csv(results).encode(), PLAN_FILE: plan.model_dump_json().encode()})
+    result = CliRunner().invoke(app, ["seeds", str(tmp_path / "run")])
+    assert result.exit_code == 0, result.output
     assert (
         "| excited | `ppo` | 2 x 4 | 0.500 [0.400, 0.600] | 1.00 | 1.00 | 0.700 [0.640, 0.760] | 0 |" in result.output
     )
