@@ -255,7 +255,7 @@ def test_pictures_show_the_damping_that_acts():
         single.step(action)
         batch.step(np.tile(action, (2, 1)))
         dampings.append(single.damping[:, TRANSVERSE])
-    trace = single.get_state()["trace"]
+    trace = single.get_state()["trace"].rows
     np.testing.assert_array_equal(trace[:, -2:], dampings)
     assert np.ptp(trace[:, -2]) > 1.0
     picture = single.render()

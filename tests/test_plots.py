@@ -18,9 +18,10 @@ def test_trace_keeps_the_last_seconds():
     for tick in range(0, 15_000):
         if trace.is_due(tick):
             trace.append((0.002 * tick, 1.0, 2.0, 3.0, 4.0))
-    rows = trace.rows()
+    rows = trace.rows_at(0.002 * tick)
     np.testing.assert_allclose(np.diff(rows[:, 0]), Trace.EVERY)
-    assert rows[-1, 0] - rows[0, 0] == pytest.approx(Trace.SPAN)
+    assert rows[0, 0] == pytest.approx(10.0) and rows[-1, 0] == pytest.approx(29.95)
+    np.testing.assert_array_equal(trace.rows_at(29.0), rows[rows[:, 0] < 29.001])
     assert Trace.SPAN >= SWING
     trace.clear()
     assert trace.rows().shape == (0, 5)

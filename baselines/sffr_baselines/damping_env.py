@@ -19,7 +19,7 @@ from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
 from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.infos import Infos, Mask
-from sffr_gym.envs.pictures import make_renderer
+from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
 from sffr_gym.envs.single import ONE, SFFRFlexEnv
 from sffr_gym.envs.state import MOST_TICKS, check_finite, check_range
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
@@ -111,7 +111,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
     As in ``SFFRFlex-v0``; truncates after ``duration``. After that nothing moves, and the reward is 0.
 
     ## Arguments
-    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``: as in ``SFFRFlex-v0``.
+    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``, ``render_every``: as in ``SFFRFlex-v0``.
     - ``law``: ``hsc`` or ``ahsc``.
     - ``rho``: largest factor; 1/rho is the smallest.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
@@ -137,6 +137,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         random_phase: bool = True,
         base_tolerance: float | None = None,
         dtype: DTypeLike = "float32",
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
@@ -145,10 +146,10 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
                 loop cannot run.
         """
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
-        super().__init__(scenario, params, overrides, render_mode)
-        self._renderer = None if render_mode is None else make_renderer(self.prior_task, damped=True)
+        super().__init__(scenario, params, overrides, render_mode, render_every=render_every)
+        self._renderer = make_renderer(self.prior_task, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
@@ -190,8 +191,8 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over; None or -1 for no
             limit beside that.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance, dtype:
-            as for the single one.
+        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance, dtype,
+            render_every: as for the single one.
     """
 
     OF_ALL: ClassVar[tuple[str, ...]] = (*SFFRFlexVectorEnv.OF_ALL, *_LAW)
@@ -214,16 +215,17 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         random_phase: bool = True,
         base_tolerance: float | None = None,
         dtype: DTypeLike = "float32",
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
-            autoreset_mode=autoreset_mode,
+            render_every=render_every, autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self._renderers = [make_renderer(self.prior_task, damped=True) for _ in range(num_envs if render_mode else 0)]
+        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / agent_period)}
+        self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law, dtype=dtype)

@@ -18,6 +18,7 @@ from sffr_gym.compile.threads import available_cores
 from sffr_gym.compile.workspace import allocate, workspace
 from sffr_gym.envs.fleet import Fleet, plant_at, roomiest
 from sffr_gym.physics.actuators import command_of
+from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
 from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
 from sffr_gym.task.episode import Episode
@@ -305,9 +306,9 @@ def store(batch, i, group, period, lane):
     take(period.applied, lane, batch.applied[i])
 
 
-def visible(batch: Batch, i: int) -> tuple[int, Array, Array, Array, float]:
-    """Return what a picture of environment ``i`` shows: control periods, ``p, v``, applied command and status."""
-    return int(batch.tick[i]), batch.p[i], batch.v[i], batch.applied[i], float(batch.status[i])
+def visible(batch: Batch, i: int) -> Moment:
+    """Return what a picture of environment ``i`` shows now; its arrays are the batch's."""
+    return Moment(int(batch.tick[i]), batch.p[i], batch.v[i], batch.applied[i], float(batch.status[i]))
 
 
 @functools.cache

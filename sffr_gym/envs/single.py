@@ -22,7 +22,7 @@ from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
 from sffr_gym.envs.fleet import make_fleet
 from sffr_gym.envs.member import Present
-from sffr_gym.envs.pictures import make_renderer
+from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer
 from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import check_batch, check_episode
 from sffr_gym.task.episode import Episode, draw, nominal
@@ -115,16 +115,23 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
       robot as controllers know it.
     - ``overrides``: assignments such as ``["panel.EI=25"]`` on top of them.
     - ``render_mode``: None; ``rgb_array``, pictures of 600 x 600 pixels without any display; or ``human``, a window
-      that follows the simulation in real time at 25 pictures a second. Needs the extra ``render``.
+      that follows the simulation in real time. Needs the extra ``render``.
     - ``dtype``: of the observation, ``float64`` or ``float32``. The state is float64 in any case.
+    - ``render_every``: time between two pictures [s]; 0 for one of every step, such as for observations of pixels.
 
     What is given can be neither set nor changed afterwards, but the scenario by ``reset(options={"scenario": ...})``.
 
     ## Pictures
-    ``render()`` only reads: the same state gives the same pixels. The small plots show the last 20 s, which an
-    environment with a render mode keeps as a part of its state (:meth:`get_state`). ``metadata["render_fps"]`` is the
-    number of steps in a second, as Gymnasium's recorders expect; a video of every step plays in real time but has 500
-    pictures a second. ``sffr animate`` writes lighter ones.
+    ``render()`` shows the last moment that was due, every ``render_every`` seconds and at the episode's end, and
+    returns the same read-only array until the next one: Gymnasium's ``RecordVideo``, which keeps a picture of each
+    step, needs 27 MB for a simulated second instead of 540. ``metadata["render_fps"]`` is the number of steps in a
+    second, so that its videos play in real time; it needs the extra ``record``, and ``sffr animate`` writes lighter
+    ones. ``render()`` only reads: the same state gives the same pixels. That moment, and the last 20 s for the small
+    plots, are a part of the state that :meth:`get_state` returns; one of an environment without a render mode can be
+    drawn, too, but without its past.
+
+    Closing the window ends the pictures, not the program. A copy of the environment (``copy.deepcopy``, ``pickle``)
+    opens no window before its next ``reset`` or ``render()``, so that planners can look ahead at full speed.
 
     ## Version history
     - v0: first version.
@@ -139,12 +146,13 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         overrides: Sequence[str] = (),
         render_mode: str | None = None,
         dtype: DTypeLike = "float64",
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
         Raises:
-            ConfigError: for parameters or a scenario that are not valid, or a scenario whose episodes would begin
-                outside of the observation space.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid, or a scenario whose
+                episodes would begin outside of the observation space.
             ValueError: for an unknown render mode or type of observations.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
         """
@@ -162,8 +170,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, 1)
         self._memory = batch_memory(self.prior_task, 1)
         self._episode: Episode | None = None
-        self.metadata = self.metadata | {"render_fps": round(1.0 / self.prior_task.period)}
-        self._renderer = None if render_mode is None else make_renderer(self.prior_task)
+        self.metadata = self.metadata | {"render_fps": frame_rate(self.prior_task.period)}
+        self._renderer = make_renderer(self.prior_task, render_mode, render_every)
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -202,10 +210,11 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         return self._observed(), float(batch.reward[0]), terminated, truncated, self._info()
 
     def render(self) -> np.ndarray | None:
-        """The picture (600, 600, 3) of the present state, uint8; with ``human`` it is shown, and None returned.
+        """The picture (600, 600, 3), uint8, read-only; with ``human`` it is shown, and None returned. See the class.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
+            gymnasium.error.Error: if there is no display, with ``human``.
         """
         if self._renderer is None:
             gym.logger.warn(
@@ -213,10 +222,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
             )
             return None
         _ = self.episode
-        if self.render_mode == "human":
-            self._renderer.show(*visible(self._batch, 0), always=True)
-            return None
-        return self._renderer.render(*visible(self._batch, 0))
+        return self._renderer.render()
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -253,7 +259,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     def _kept(self) -> dict[str, Any]:
         return super()._kept() | {
             "batch": self._batch, "episode": self._episode, "rng": self.np_random, "seed": self.np_random_seed,
-            "trace": None if self._renderer is None else self._renderer.trace.rows(),
+            "trace": None if self._renderer is None or self._episode is None else self._renderer.past(),
         }  # fmt: skip
 
     def _form(self) -> dict[str, Any]:
@@ -264,14 +270,17 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         check_batch(kept["batch"], self.prior_task)
         if kept["episode"] is None:
             return self.prior_task
+        if self._renderer is not None and kept["trace"] is not None:
+            self._renderer.check(kept["trace"], visible(kept["batch"], 0))
         return check_episode(kept["episode"], self._nominal, self.prior_task)
 
     def _put(self, kept: dict[str, Any], checked: TaskModel) -> None:
         self._batch, self._scenario = kept["batch"], kept["scenario"]
         self._np_random, self._np_random_seed = kept["rng"], kept["seed"]
         self._take(kept["episode"], checked)
-        if self._renderer is not None and kept["trace"] is not None:
-            self._renderer.trace.restore(kept["trace"])
+        if self._renderer is not None and kept["episode"] is not None:
+            self._renderer.restore(kept["trace"], visible(self._batch, 0))
+            self._note()  # which begins a trace where there is none
 
     def _start(self, episode: Episode) -> None:
         """Put the plant at the start of an episode."""
@@ -291,15 +300,12 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         if plant is not self._plant_task:  # packing one takes as long as all the rest of a reset
             self._plant_task, self._fleet = plant, make_fleet(plant)
         if self._renderer is not None and episode is not None:
-            self._renderer.start(episode, self.scenario.name)
+            self._renderer.start(episode.plant, episode.reference, self.scenario.name)
 
     def _note(self) -> None:
-        """Keep what later pictures show, and show the present one if there is a window."""
+        """Keep what later pictures show, if there are any, and show one in the window if it is due."""
         if self._renderer is not None:
-            tick, p, *_ = visible(self._batch, 0)
-            self._renderer.record(tick, p, self._batch.signals[0], self._acting()[0])
-            if self.render_mode == "human":
-                self._renderer.show(*visible(self._batch, 0))
+            self._renderer.record(visible(self._batch, 0), self._batch.signals[0], self._acting()[0])
 
     def _acting(self) -> Array:
         """Return the virtual damping (1, n_p) of the panels' tip displacements; empty without a law inside."""

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import DTypeLike
 
+from sffr_gym.config.params import Params
 from sffr_gym.config.ranges import MOST_ENVS
 from sffr_gym.envs.arguments import (
     ParamsLike,
@@ -28,9 +29,10 @@ from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_ba
 from sffr_gym.envs.fleet import make_fleet, put_plant
 from sffr_gym.envs.infos import Drawn, Infos, Mask, batch_infos, masked, objects
 from sffr_gym.envs.member import Member
-from sffr_gym.envs.pictures import make_renderer
+from sffr_gym.envs.pictures import RENDER_EVERY, check_pictures, frame_rate, make_renderers
 from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import MOST_TICKS, check_batch, check_drawn, check_fleet, check_range
+from sffr_gym.render.trace import Past
 from sffr_gym.task.episode import Episode, draw, nominal
 from sffr_gym.task.status import RUNNING
 from sffr_gym.task.task_model import make_task_model, plant_of
@@ -47,7 +49,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over; None or -1
             for no limit beside that.
-        scenario, params, overrides, dtype: as for the single environment.
+        scenario, params, overrides, dtype, render_every: as for the single environment.
         render_mode: None or ``rgb_array``, see :meth:`render`.
         autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
             (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
@@ -73,12 +75,13 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         dtype: DTypeLike = "float64",
+        render_every: float = RENDER_EVERY,
     ) -> None:
         """Build the environments.
 
         Raises:
-            ConfigError: for parameters or a scenario that are not valid, or a scenario whose episodes would begin
-                outside of the observation space.
+            ConfigError: for parameters, a scenario or a time between pictures that are not valid, or a scenario whose
+                episodes would begin outside of the observation space.
             ValueError: for a number of environments or steps below 1, an unknown autoreset or render mode or type of
                 observations.
             gymnasium.error.DependencyNotInstalled: for a render mode without Pillow.
@@ -108,10 +111,10 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._all = np.ones(num_envs, dtype=np.bool_)
-        self._renderers = [make_renderer(self.prior_task) for _ in range(num_envs if render_mode else 0)]
+        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every)
         self.metadata = {
             "render_modes": ["rgb_array"],
-            "render_fps": round(1.0 / self.prior_task.period),
+            "render_fps": frame_rate(self.prior_task.period),
             "autoreset_mode": self.autoreset_mode,
         }
 
@@ -171,7 +174,10 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         return obs, reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """The picture (600, 600, 3) of each environment, uint8, as :meth:`SFFRFlexEnv.render` draws it.
+        """The picture (600, 600, 3) of each environment, uint8, read-only, as :meth:`SFFRFlexEnv.render` draws it.
+
+        Gymnasium's ``RecordVideo`` for vector environments joins them anew at every step, 1.08 MB for each environment
+        and step: bound it with its ``video_length``.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
@@ -181,7 +187,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
             return None
         if not self._ticks.all():
             raise gym.error.ResetNeeded("call reset for every environment before render")
-        return tuple(renderer.render(*visible(self._batch, i)) for i, renderer in enumerate(self._renderers))
+        return tuple(picture for renderer in self._renderers if (picture := renderer.render()) is not None)
 
     @property  # type: ignore[override]  # a tuple, as SyncVectorEnv has it
     def np_random(self) -> tuple[np.random.Generator, ...]:
@@ -225,21 +231,34 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
     def _kept(self) -> dict[str, Any]:
         return super()._kept() | {
             "fleet": self._fleet, "batch": self._batch, "rngs": self._rngs, "seeds": self._seeds, "drawn": self._drawn,
-            "ticks": self._ticks, "done": self._done,
+            "ticks": self._ticks, "done": self._done, "trace": self._pasts(),
         }  # fmt: skip
 
-    def _form(self) -> dict[str, Any]:
-        return super()._form() | {"fleet": None, "drawn": None}
+    def _pasts(self) -> list[Past | None] | None:
+        """What pictures show of each environment that was reset; None without pictures."""
+        begun = zip(self._renderers, self._ticks, strict=False)
+        return [renderer.past() if ticks else None for renderer, ticks in begun] or None
 
-    def _check(self, kept: dict[str, Any]) -> None:
+    def _form(self) -> dict[str, Any]:
+        return super()._form() | {"fleet": None, "drawn": None, "trace": None}
+
+    def _check(self, kept: dict[str, Any]) -> dict[int, Params]:
+        """Return the plants to draw, by environment; see the base class."""
         check_batch(kept["batch"], self.prior_task)
         check_fleet(kept["fleet"], self.prior_task, self.num_envs)
         kept["drawn"] = check_drawn(kept["drawn"], self.num_envs)
         check_range(kept["ticks"], 0, MOST_TICKS, "state.ticks")
+        return check_pictures(self._renderers, kept, self.params)
 
-    def _put(self, kept: dict[str, Any], checked: None) -> None:
+    def _put(self, kept: dict[str, Any], checked: dict[int, Params]) -> None:
         for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
             setattr(self, f"_{name}", kept[name])
+        for i, plant in checked.items():
+            past = kept["trace"] and kept["trace"][i]
+            title = self.scenario.name if past is None else past.title
+            self._renderers[i].start(plant, Member(self, i).reference, title, f"environment {i}")
+            self._renderers[i].restore(past, visible(self._batch, i))
+            self._record([i])  # which begins a trace where there is none
 
     def _start(self, i: int, episode: Episode) -> None:
         """Put environment ``i`` at the start of an episode."""
@@ -258,7 +277,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         if self._renderers:
             batch, damping = self._batch, self._acting()
             for i in rows:
-                self._renderers[i].record(int(batch.tick[i]), batch.p[i], batch.signals[i], damping[i])
+                self._renderers[i].record(visible(batch, i), batch.signals[i], damping[i])
 
     def _observed(self) -> np.ndarray:
         """A copy of what agents see now."""
@@ -277,7 +296,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
                 put_plant(self._fleet, int(i), plant_of(self.prior_task, episode))
             self._start(int(i), episode)
             if self._renderers:
-                self._renderers[i].start(episode, self.scenario.name, f"environment {i}")
+                self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")
                 self._record([int(i)])
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))

@@ -17,6 +17,7 @@ from sffr_gym.types import Array
 
 FARTHEST = 1.0e4  # pixels; what lies beyond is drawn there, since Pillow's coordinates are integers of the machine
 LARGER = 4  # times the size in which texts are written
+LONGEST = 80  # letters of a text, more than fit into a picture; names of users may have any length
 FINER = 2  # times as many pixels in each direction while shapes are drawn
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]  # red, green, blue and perhaps opacity, 0 to 255
@@ -64,8 +65,13 @@ class Canvas:
         self._pen(fill).rectangle(ends, fill)
 
     def text(self, place: tuple[float, float], text: str, size: float, colour: Colour, anchor: str = "lm") -> None:
-        """Write text on top of everything; the anchor is Pillow's: l, m, r, then a (top), m, s (baseline), d."""
-        self._texts.append((place, text, size, colour, anchor))
+        """Write a line on top of everything; the anchor is Pillow's: l, m, r, then a (top), m, s (baseline), d.
+
+        What is too long is cut; letters that the font does not have are boxes.
+        """
+        line = " ".join(text.split())
+        line = line if len(line) <= LONGEST else line[: LONGEST - 3] + "..."
+        self._texts.append((place, line, size, colour, anchor))
 
     def pixels(self) -> np.ndarray:
         """Return the picture (height, width, 3), uint8."""

@@ -17,6 +17,7 @@ from sffr_gym.physics.model import N_BASE, Model, joint_slice, mode_slice, nodal
 from sffr_gym.task.reference import Reference
 from sffr_gym.types import Array
 
+LEAST_FORCE = 1e-9  # N; a path that asks for less is a straight line, or not moved along
 CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])  # of a square of side 2
 
 
@@ -72,9 +73,8 @@ def force_scales(params: Params, model: Model) -> Scales:
     """Return scales at which a metre stands for what the path asks: of the thrusters, of both grippers together."""
     curve = params.path.speed**2 / params.path.radius
     mass = float(model.base_mass + model.link_mass.sum() + model.panel_mass.sum())
-    return Scales(
-        (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve, params.actuators.piezo.voltage
-    )
+    thrust, grasp = (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve
+    return Scales(max(thrust, LEAST_FORCE), max(grasp, LEAST_FORCE), params.actuators.piezo.voltage)
 
 
 @functools.lru_cache(maxsize=16)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil, floor, log10
+from math import ceil, floor, isfinite, log10
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ INK: Colour = (226, 232, 240)
 FAINT: Colour = (139, 152, 178)
 GUTTER = 50  # for the numbers beside a plot
 DECADES = 3  # of a logarithmic axis at most
+TINY = 1e-290  # smaller magnitudes are drawn as nothing, which keeps powers of ten within the range of floats
+ROOM = 92  # of a plot's head for its title, in front of the names
 PREFIXES = {0: "", -1: "m", -2: "u", -3: "n", -4: "p"}  # the built-in font has no Greek letters
 
 
@@ -42,7 +44,7 @@ def linear(*values: Array, signed: bool = False) -> Axis:
     """Return an axis from zero, or about zero if ``signed``, whose end is 1, 2 or 5 times a power of ten."""
     everything = np.concatenate([np.ravel(each) for each in values])
     largest = float(np.max(np.abs(everything[np.isfinite(everything)]), initial=0.0))
-    if largest == 0.0:
+    if largest < TINY:
         return Axis(-float(signed), 1.0)
     power = 10.0 ** floor(log10(largest))
     end = next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= 0.999 * largest)
@@ -52,7 +54,7 @@ def linear(*values: Array, signed: bool = False) -> Axis:
 def logarithmic(*values: Array) -> Axis:
     """Return an axis of whole powers of ten, as many as the values need but no more than ``DECADES``."""
     everything = np.concatenate([np.ravel(each) for each in values])
-    positive = everything[everything > 0.0]
+    positive = everything[np.isfinite(everything) & (everything > TINY)]
     if not positive.size:
         return Axis(1e-6, 1e-5, log=True)
     top = ceil(log10(positive.max()) - 1e-9)
@@ -73,9 +75,12 @@ def draw_plot(canvas: Canvas, box: tuple[float, float, float, float], unit: floa
     left, top, right, bottom = box
     canvas.text((left, top + 7 * unit), plot.title, 13 * unit, INK)
     at = right
-    for name, colour in zip(reversed(plot.names), reversed(plot.colours), strict=False):
+    for name, colour in list(zip(plot.names, plot.colours, strict=False))[::-1]:
+        width = 6.5 * len(name) * unit
+        if at - width < left + ROOM * unit:
+            break  # the robot's own picture has the colours, too
         canvas.text((at, top + 7 * unit), name, 12 * unit, colour, "rm")
-        at -= (6.5 * len(name) + 8.0) * unit
+        at -= width + 8.0 * unit
     frame = (left + GUTTER * unit, top + 23 * unit, right, bottom)
     canvas.box(*frame, GROUND)
     for value in _marks(plot.axis):
@@ -113,8 +118,10 @@ def _marks(axis: Axis) -> list[float]:
 
 
 def with_unit(value: float, unit: str) -> str:
-    """Return a number with three digits, or a round one as it is, with its unit's SI prefix."""
-    if value == 0.0:
+    """Return a number with three digits, or a round one as it is, with its unit's SI prefix; "-" for none."""
+    if not isfinite(value):
+        return "-"
+    if abs(value) < TINY:
         return "0"
     power = floor(log10(abs(value)) / 3 + 1e-9)
     power = min(0, max(power, min(PREFIXES)))

@@ -47,6 +47,7 @@ THRUST: Colour = (255, 176, 96)
 SIDES: tuple[Colour, ...] = ((120, 200, 255), (255, 190, 90), (150, 230, 140), (240, 140, 220))  # a panel's line each
 SWING = 10.0  # s over which the bars beyond the tips show how far they swung, about a period of the first mode
 MARGIN = 0.55  # m around the robot
+DOTS = 8  # from the middle to an edge at most
 
 
 class Snapshot(NamedTuple):
@@ -117,7 +118,7 @@ class Renderer:
     def plots(self, snapshot: Snapshot) -> list[Plot]:
         """Return the small plots: tips, tracking error, and the virtual damping or else the vibration energy."""
         trace, names = snapshot.trace, tuple(mount.name for mount in self.params.panel.mounts)
-        colours = SIDES[: len(names)]
+        colours = tuple(SIDES[i % len(SIDES)] for i in range(len(names)))
         tips, damping = trace[:, self._tips], trace[:, self._tips.stop :]
         error, energy = trace[:, [ERROR]], trace[:, [ENERGY]]
         listed = [
@@ -140,15 +141,16 @@ class Renderer:
         return Viewport(p[:2], middle, float(height / (2.0 * (reach + MARGIN))), self._u)
 
     def _draw_path(self, canvas: Canvas, viewport: Viewport, t: float) -> None:
-        """Draw dots that stand still in space, two metres apart, and the path."""
+        """Draw dots that stand still in space, two metres apart or as far as a large robot needs, and the path."""
         reach = self.style.size / viewport.scale / 2
-        first, last = np.floor((viewport.centre - reach) / 2), np.ceil((viewport.centre + reach) / 2)
+        apart = max(2.0, linear(np.array([reach / DOTS])).high)
+        first, last = np.floor((viewport.centre - reach) / apart), np.ceil((viewport.centre + reach) / apart)
         columns, rows = np.meshgrid(*(np.arange(a, b + 1.0) for a, b in zip(first, last, strict=True)))
         dots: Array = np.column_stack([columns.ravel(), rows.ravel()])
-        for dot in viewport(2.0 * dots):
+        for dot in viewport(apart * dots):
             canvas.disc(dot, 1.3 * self._u, DOT)
         now = self.reference.phase + self.reference.rate * t
-        away = reach / self.reference.radius * 1.6
+        away = min(1.6 * reach / self.reference.radius, np.pi)
         for colour, start, stop in (AHEAD, now, now + away), (COVERED, max(now - away, self.reference.phase), now):
             canvas.line(viewport(path_points(self.reference, np.linspace(start, stop, 60))), colour, 4.0 * self._u)
         x, y = viewport(path_points(self.reference, np.array([now])))[0]

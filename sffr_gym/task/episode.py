@@ -25,7 +25,7 @@ from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.task.observation import Field, observation_fields
 from sffr_gym.task.quasi_static import quasi_static_amplitudes
 from sffr_gym.task.reference import Reference, circle_reference, desired
-from sffr_gym.task.scenario import ImpulseDraws, PlantFactors, Scenario, Sensors
+from sffr_gym.task.scenario import ImpulseDraws, Scenario, Sensors
 from sffr_gym.types import Array
 
 Drawn = dict[str, float]
@@ -120,6 +120,18 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     return Episode(p, v, reference, plant, prior, ticks, health, impulses, sensing, drawn)
 
 
+def drawn_plant(params: Params, drawn: Drawn) -> Params:
+    """Return the plant of an episode, made again of what the controllers believe and what was drawn.
+
+    Raises:
+        ValueError: for a factor or speed that no scenario draws.
+    """
+    for name, value in drawn.items():
+        if name.endswith(("_factor", "_speed_m_s")) and not 1.0e-3 < value < 1.0e3:
+            raise ValueError(f"drawn: {name} = {value}: no scenario draws that")
+    return _scaled(_at_speed(params, drawn), drawn)
+
+
 def noise_level(sensors: Sensors, fields: dict[str, Field]) -> Array:
     """Return the standard deviation (n_o,) of each number of the observation by its unit; the reference has none."""
     level = {unit: getattr(sensors, kind) for unit, kind in _KINDS.items()}
@@ -132,7 +144,13 @@ def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, dr
     """Return the parameters with the drawn path speed."""
     if scenario.speed is None:
         return params
-    drawn["path_speed_m_s"] = speed = rng.uniform(*scenario.speed)
+    drawn["path_speed_m_s"] = rng.uniform(*scenario.speed)
+    return _at_speed(params, drawn)
+
+
+def _at_speed(params: Params, drawn: Drawn) -> Params:
+    """Return the parameters with the path speed that was drawn."""
+    speed = drawn.get("path_speed_m_s", params.path.speed)
     return params.model_copy(update={"path": params.path.model_copy(update={"speed": speed})})
 
 
@@ -141,30 +159,38 @@ def _draw_plant(scenario: Scenario, prior: Params, rng: np.random.Generator, dra
     if not scenario.changes_model:
         return prior
     factors = scenario.plant
-    changes: dict[str, Any] = {}
     if factors.object is not None:
         if prior.object is None:
             raise ConfigError(f"{scenario.name}: plant.object: the robot carries no object")
-        drawn["object_factor"] = factor = rng.uniform(*factors.object)
+        drawn["object_factor"] = rng.uniform(*factors.object)
+    if factors.EI is not None:
+        drawn["EI_factor"] = rng.uniform(*factors.EI)
+    if factors.panel_mass is not None:
+        drawn["panel_mass_factor"] = rng.uniform(*factors.panel_mass)
+    if factors.link_mass is not None:
+        for arm in prior.arms:
+            drawn |= {_link_factor(arm, k): rng.uniform(*factors.link_mass) for k in range(len(arm.links))}
+    return _scaled(prior, drawn)
+
+
+def _scaled(prior: Params, drawn: Drawn) -> Params:
+    """Return the plant that drawn factors make of what the controllers believe."""
+    changes: dict[str, Any] = {"panel": _scaled_panel(prior.panel, drawn)}
+    changes["arms"] = tuple(_scaled_arm(arm, drawn) for arm in prior.arms)
+    if prior.object is not None:
+        factor = drawn.get("object_factor", 1.0)
         scaled = {"mass": factor * prior.object.mass, "inertia": factor * prior.object.inertia}
         changes["object"] = prior.object.model_copy(update=scaled)
-    changes["panel"] = _draw_panel(factors, prior.panel, rng, drawn)
-    if factors.link_mass is not None:
-        changes["arms"] = tuple(_draw_arm(arm, factors.link_mass, rng, drawn) for arm in prior.arms)
     return prior.model_copy(update=changes)
 
 
-def _draw_panel(factors: PlantFactors, panel: Panel, rng: np.random.Generator, drawn: Drawn) -> Panel:
+def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
     """Return the panels with drawn stiffness and mass.
 
     The mode cuts go with the clamped frequencies, bending ones by ``sqrt(EI / mass)`` and axial ones by
     ``sqrt(1 / mass)``, so that every plant has the modes of the prior.
     """
-    stiffness = mass = 1.0
-    if factors.EI is not None:
-        drawn["EI_factor"] = stiffness = rng.uniform(*factors.EI)
-    if factors.panel_mass is not None:
-        drawn["panel_mass_factor"] = mass = rng.uniform(*factors.panel_mass)
+    stiffness, mass = drawn.get("EI_factor", 1.0), drawn.get("panel_mass_factor", 1.0)
     scaled = {
         "EI": stiffness * panel.EI,
         "mass": mass * panel.mass,
@@ -174,13 +200,18 @@ def _draw_panel(factors: PlantFactors, panel: Panel, rng: np.random.Generator, d
     return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
 
 
-def _draw_arm(arm: Arm, interval: tuple[float, float], rng: np.random.Generator, drawn: Drawn) -> Arm:
+def _scaled_arm(arm: Arm, drawn: Drawn) -> Arm:
     """Return an arm whose links have drawn masses, and inertias to match."""
     links = []
     for k, link in enumerate(arm.links):
-        drawn[f"{arm.name}_link{k + 1}_mass_factor"] = factor = rng.uniform(*interval)
+        factor = drawn.get(_link_factor(arm, k), 1.0)
         links.append(link.model_copy(update={"mass": factor * link.mass, "inertia": factor * link.inertia}))
     return arm.model_copy(update={"links": tuple(links)})
+
+
+def _link_factor(arm: Arm, k: int) -> str:
+    """Return the name of the factor that is drawn of a link's mass."""
+    return f"{arm.name}_link{k + 1}_mass_factor"
 
 
 def _match_path_speed(before: float, after: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
