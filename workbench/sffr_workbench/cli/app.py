@@ -8,6 +8,7 @@ import typer
 
 from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import animate, benchmark, evaluate, learning, report, reproduce, speed, verify
+from sffr_workbench.cli.encoding import spell_out
 from sffr_workbench.cli.terminal import Commands
 
 app = typer.Typer(
@@ -36,6 +37,7 @@ def sffr(
     """A free-flying space robot with flexible panels: run, measure and compare its controllers."""
 
 
+spell_out()  # also before a command runs, in help and errors of usage
 for module in evaluate, verify, reproduce, animate, speed, benchmark, learning, report:
     module.add_commands(app)
 

@@ -18,7 +18,8 @@ from rich.console import Console
 from typer.core import TyperGroup
 
 from sffr_gym import ConfigError
-from sffr_workbench.common import is_missing
+from sffr_workbench.cli.encoding import spell_out
+from sffr_workbench.figures import load_matplotlib
 
 USER_ERRORS = (ConfigError, OSError, MemoryError, UnicodeError, ValidationError, DependencyNotInstalled)
 LONGEST_NAME = 100  # characters of a scenario's name in that of a folder
@@ -45,6 +46,7 @@ def user_errors() -> Iterator[None]:
     except BrokenPipeError:
         raise  # whoever read our output has gone, which typer knows how to end
     except USER_ERRORS as error:
+        spell_out()
         console = Console(stderr=True, highlight=False)
         for line in _explain(error).split("\n"):
             text = "".join(each if each.isprintable() else repr(each)[1:-1] for each in line)
@@ -65,14 +67,18 @@ def interruptible(notes: Console, advice: str) -> Iterator[None]:
 
 def consoles(quiet: bool = False) -> tuple[Console, Console]:
     """Return the consoles of notes, on stderr, and of results, on stdout."""
+    spell_out()
     return Console(stderr=True, quiet=quiet, highlight=False), Console(quiet=quiet, highlight=False)
 
 
 def can_draw(notes: Console) -> bool:
-    """Return whether matplotlib is installed; if not, note that there are no figures."""
-    if missing := is_missing("matplotlib"):
-        notes.print("note: no figures without matplotlib; pip install 'sffr-gym[plot]'", markup=False)
-    return not missing
+    """Return whether matplotlib can be used; if not, note that there are no figures, and why."""
+    try:
+        load_matplotlib()
+    except ConfigError as error:
+        notes.print(f"note: no figures; {error}", markup=False, soft_wrap=True)
+        return False
+    return True
 
 
 def typed_command() -> list[str]:
