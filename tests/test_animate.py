@@ -1,6 +1,7 @@
 """`sffr animate`: what the files hold, and what is an error."""
 
 import hashlib
+import io
 import sys
 
 import numpy as np
@@ -13,7 +14,7 @@ from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_workbench.common import extras
-from sffr_workbench.figures import animation
+from sffr_workbench.figures import animation, encoding
 from sffr_workbench.figures.animation import Movie, MovieOptions, Snapshots, animate
 
 Image = pytest.importorskip("PIL.Image")
@@ -200,6 +201,114 @@ def test_errors_say_what_is_wrong(arguments, message, monkeypatch, tmp_path):
     result = sffr("animate", *arguments)
     assert result.exit_code == 2 and message in result.output, result.output
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments,message",
+    [
+        ({"size": 0}, "size = 0: must be from 200 to 2000"),
+        ({"size": -600}, "size = -600: must be from"),
+        ({"size": 10**400}, "000: must be from 200 to 2000"),
+        ({"fps": 0}, "fps = 0: must be from 1 to 120"),
+        ({"fps": 10**9}, "fps = 1000000000: must be from"),
+        ({"speed": float("nan")}, "speed = nan: must be from 0.01 to 1000"),
+        ({"speed": -4.0}, "speed = -4: must be from"),
+        ({"speed": float("inf")}, "speed = inf: must be from"),
+        ({"exaggeration": 1e9}, "exaggeration = 1e+09: must be from 0 to 1000"),
+        ({"exaggeration": float("nan")}, "exaggeration = nan: must be from"),
+        ({"duration": float("nan")}, "duration = nan: must be more than 0 s"),
+        ({"duration": float("inf")}, "duration = inf: must be more than 0 s; without it all of the episode"),
+    ],
+)
+def test_options_have_ranges(arguments, message, tmp_path):
+    with pytest.raises(ConfigError) as error:
+        animate(["hsc"], tmp_path / "a.mp4", options=MovieOptions(**arguments))
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "name,options,message",
+    [
+        (
+            "a.mp4",
+            {"speed": 0.01, "fps": 120},
+            r"makes 1.3e\+06 pictures, at most 50000: .* raise speed = 0.01, or lower",
+        ),
+        (
+            "a.gif",
+            {"speed": 0.2, "fps": 50, "size": 2000},
+            r"at most 1000: .*, lower size = 2000, make an MP4, or lower",
+        ),
+    ],
+)
+def test_films_that_never_end_are_refused_before_anything_runs(name, options, message, tmp_path, monkeypatch):
+    monkeypatch.setattr(animation, "rollout", lambda *_: pytest.fail("simulated"))
+    with pytest.raises(ConfigError, match=message):
+        animate(["hsc"], tmp_path / name, options=MovieOptions(**options))
+
+
+def black(height=202, width=303, count=5):
+    return [np.full((height, width, 3), 40 * k, dtype=np.uint8) for k in range(count)]
+
+
+@pytest.mark.parametrize("codec", encoding.CODECS)
+def test_every_encoder_that_is_there_writes_every_picture(codec):
+    av = pytest.importorskip("av")
+    if codec == "libopenh264" and codec not in av.codecs_available:
+        pytest.skip("not in this FFmpeg")
+    with av.open(io.BytesIO(encoding.mp4(black(), 25, lambda _: None, codec))) as container:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert [picture.shape for picture in pictures] == [(202, 302, 3)] * 5
+    np.testing.assert_allclose([picture.mean() for picture in pictures], [0, 40, 80, 120, 160], atol=4)
+
+
+def without(monkeypatch, *codecs):
+    """Take encoders out of PyAV."""
+    av = pytest.importorskip("av")
+    opened = av.open
+
+    class Container:
+        def __init__(self, *arguments, **options):
+            self.real = opened(*arguments, **options)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            self.real.close()
+
+        def add_stream(self, codec, **options):
+            if codec in codecs:
+                raise av.codec.codec.UnknownCodecError(codec)
+            return self.real.add_stream(codec, **options)
+
+        def mux(self, packets):
+            self.real.mux(packets)
+
+    monkeypatch.setattr(av, "open", Container)
+
+
+def test_another_encoder_is_taken_where_one_is_missing(monkeypatch):
+    without(monkeypatch, "libx264")
+    assert encoding.choose_codec(200, 200, 20) == "h264"
+    monkeypatch.undo()
+    without(monkeypatch, "libx264", "h264", "libopenh264")
+    with pytest.warns(UserWarning, match=r"no encoder of H.264: browsers may not play"):
+        assert encoding.choose_codec(200, 200, 20) == "mpeg4"
+
+
+def test_no_encoder_is_an_error_before_anything_runs(monkeypatch, tmp_path):
+    without(monkeypatch, *encoding.CODECS)
+    monkeypatch.setattr(animation, "rollout", lambda *_: pytest.fail("simulated"))
+    result = sffr("animate", "hsc", "--out", tmp_path / "a.mp4")
+    assert result.exit_code == 2 and "no encoder of PyAV's FFmpeg makes an MP4 of 600 x 600 pixels" in result.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_pyav_that_cannot_be_loaded_is_an_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(ConfigError, match="PyAV, which cannot be loaded"):
+        encoding.choose_codec(200, 200, 20)
 
 
 @pytest.mark.parametrize("suffix,missing,extra", [(".gif", "PIL", "render"), (".mp4", "av", "video")])

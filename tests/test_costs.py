@@ -146,7 +146,7 @@ def test_a_benchmark_has_an_end():
 
 def test_a_moving_picture_has_an_end(tmp_path):
     """Hours of drawing are refused before the episode runs."""
-    with pytest.raises(ConfigError, match=r"duration = 110.88 s: makes 2.2e\+05 pictures, at most 50000"):
+    with pytest.raises(ConfigError, match=r"duration = 110.88 s: makes 2.2e\+05 pictures, at most 11111"):
         animate(["hsc"], tmp_path / "a.gif", options=MovieOptions(speed=0.01))
 
 

@@ -10,7 +10,7 @@ from sffr_gym.task.score import REFERENCE
 from sffr_gym.task.statistics import CONFIDENCE, Estimate, performance_profile, resample
 from sffr_workbench.benchmark.scores import SuiteScores
 from sffr_workbench.common import format_number
-from sffr_workbench.figures.style import canvas, draw_figures, legend, policy_colours
+from sffr_workbench.figures.style import canvas, draw_figures, legend, plain, policy_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ def draw_benchmark_figures(scores: SuiteScores) -> dict[str, bytes]:
     """Draw all figures and return the contents of their PNG files, by name.
 
     Raises:
-        ModuleNotFoundError: without matplotlib.
+        ConfigError: see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
     return draw_figures(dict(zip(FIGURE_FILES, (intervals, profiles, differences), strict=True)), scores)
 
@@ -47,7 +47,7 @@ def intervals(scores: SuiteScores) -> Figure:
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = policy_colours(scores.policies)
     for axes, (title, group) in zip(grid.flat, groups.items(), strict=False):
-        axes.set_title(title, fontweight="bold" if title == "all scenarios" else "normal")
+        axes.set_title(plain(title), fontweight="bold" if title == "all scenarios" else "normal")
         axes.axvline(1.0, color="#555555", linewidth=0.8, zorder=1.0)
         for row, policy in enumerate(scores.policies):
             if group[policy].typical.value <= EDGE:
@@ -57,7 +57,7 @@ def intervals(scores: SuiteScores) -> Figure:
                 axes.text(EDGE, row, text, color=colours[policy], ha="right", va="center", fontsize=8)
     for axes in grid.flat[len(groups) :]:
         axes.set_visible(False)
-    grid[0, 0].set_yticks(range(len(scores.policies)), scores.policies)
+    grid[0, 0].set_yticks(range(len(scores.policies)), list(map(plain, scores.policies)))
     grid[0, 0].set_ylim(len(scores.policies) - 0.5, -0.5)
     grid[0, 0].set_xlim(right=EDGE)
     figure.supxlabel("cost of an episode relative to AHSC's: interquartile mean, 95 % interval", fontsize=9)
@@ -77,7 +77,7 @@ def profiles(scores: SuiteScores) -> Figure:
         band = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
         for axes in near, whole:
             axes.fill_between(thresholds, *band, color=colours[policy], alpha=0.2, linewidth=0.0, step="post")
-            axes.step(thresholds, share, color=colours[policy], label=policy, where="post", linewidth=1.6)
+            axes.step(thresholds, share, color=colours[policy], label=plain(policy), where="post", linewidth=1.6)
     near.set_xlim(low, NEAR)
     _cost_axis(whole)
     whole.set_xlim(low, high)
@@ -96,7 +96,7 @@ def differences(scores: SuiteScores) -> Figure:
     grid = figure.subplots(1, len(policies), sharey=True, squeeze=False)[0]
     colours = policy_colours(scores.policies)
     for axes, policy in zip(grid, policies, strict=True):
-        axes.set_title(policy)
+        axes.set_title(plain(policy))
         axes.axvline(0.0, color="#555555", linewidth=0.8, zorder=1.0)
         for row, scenario in enumerate(scores.scenarios):
             values = np.unique(scores.differences[policy][:, row])
@@ -104,7 +104,7 @@ def differences(scores: SuiteScores) -> Figure:
             _bar(axes, row - 0.12, scores.single[scenario][policy].difference, colours[policy])
         axes.margins(x=0.12)
         axes.locator_params(axis="x", nbins=3)
-    grid[0].set_yticks(range(len(scores.scenarios)), scores.scenarios)
+    grid[0].set_yticks(range(len(scores.scenarios)), list(map(plain, scores.scenarios)))
     grid[0].set_ylim(len(scores.scenarios) - 0.4, -0.6)
     figure.supxlabel(
         "cost less AHSC's on the same episode: episodes (dots), interquartile mean, 95 % interval", fontsize=9

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 
 from sffr_baselines.rollout import Trajectory, rollout
 from sffr_baselines.suppression import TRANSVERSE
@@ -18,6 +19,7 @@ from sffr_gym import ConfigError
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import check_target, write_whole
 from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.pictures import require_pillow
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import pack
@@ -26,6 +28,7 @@ from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.common import Progress, ignore, require
 from sffr_workbench.evaluation import episode_progress, make_policies, recorded_signals
+from sffr_workbench.figures.encoding import choose_codec, gif, mp4
 from sffr_workbench.figures.style import policy_colours
 
 if TYPE_CHECKING:
@@ -33,11 +36,11 @@ if TYPE_CHECKING:
 
 FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it, and the extra that brings that
 MOST_PICTURES = 50_000  # some hours of drawing
+MOST_PIXELS = 4e9  # of a GIF, a byte each, which are in memory together
 MAX_POLICIES = 2  # beside each other
 GAP = 4  # pixels between them
 RATES = (1, 2, 4, 5, 10, 20, 25, 50)  # pictures a second whose time is a whole number of a GIF's hundredths
-GIF_COLOURS = 96
-SAMPLES = 12  # pictures from which a GIF's colours are chosen
+LIMITS = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
 TITLES = {"none": "no suppression", "hsc": "HSC", "ahsc": "AHSC", "ahsc-filtered": "AHSC, filtered", "lqr": "LQR"}
 
 
@@ -61,18 +64,43 @@ class MovieOptions:
             raise ConfigError(f"{out}: the name must end in {' or '.join(FORMATS)}")
         for module, extra in FORMATS[".gif"], FORMATS[out.suffix]:
             require(extra, module)
+        try:
+            require_pillow()
+        except DependencyNotInstalled as error:
+            raise ConfigError(str(error)) from None
         check_target(out, overwrite)
         if out.suffix == ".gif" and self.fps not in RATES:
             rates = ", ".join(map(str, RATES))
             raise ConfigError(
                 f"fps = {self.fps}: a GIF counts in hundredths of a second, so one of {rates}; MP4 takes any"
             )
-        limits = {"speed": (0.01, 1000.0), "fps": (1, 120), "size": (200, 2000), "exaggeration": (0.0, 1000.0)}
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise ConfigError(f"{name} = {getattr(self, name)}: must be from {low:g} to {high:g}")
-        if self.duration is not None and not self.duration > 0.0:
-            raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s")
+        for name, (low, high) in LIMITS.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                shown = f"{value:g}" if isinstance(value, float) else value
+                raise ConfigError(f"{name} = {shown}: must be from {low:g} to {high:g}")
+        if self.duration is not None and not (self.duration > 0.0 and isfinite(self.duration)):
+            raise ConfigError(f"duration = {self.duration:g}: must be more than 0 s; without it all of the episode")
+
+    def count(self, longest: float) -> int:
+        """Return the number of pictures of an episode of a length [s]."""
+        end = longest if self.duration is None else min(self.duration, longest)
+        return max(round(end * self.fps / self.speed), 1)
+
+    def check_count(self, out: Path, longest: float, policies: int) -> None:
+        """Make sure that an episode of a length [s] makes no more pictures than anyone waits for, or memory holds.
+
+        Raises:
+            ConfigError: for too many.
+        """
+        count, pixels = self.count(longest), self.size * (self.size * policies + GAP * (policies - 1))
+        most = MOST_PICTURES if out.suffix == ".mp4" else min(MOST_PICTURES, int(MOST_PIXELS / pixels))
+        if count > most:
+            shown = longest if self.duration is None else min(self.duration, longest)
+            smaller = "" if most == MOST_PICTURES else f", lower size = {self.size}, make an MP4"
+            raise ConfigError(
+                f"duration = {shown:g} s: makes {count:.2g} pictures, at most {most}: shorten it, raise speed = "
+                f"{self.speed:g}{smaller}, or lower fps = {self.fps}"
+            )
 
 
 def animate(
@@ -114,25 +142,17 @@ def animate(
     progress(runners[0].name, 0, 0)  # what follows may have to compile
     env, trajectories = SFFRFlexEnv(scenario, resolved), []
     env.reset(seed=seed)
-    _check_count(options, env.ticks * env.params.control.period)
+    options.check_count(out, env.ticks * env.params.control.period, len(runners))
+    width = len(runners) * (options.size + GAP) - GAP
+    codec = choose_codec(options.size, width, options.fps) if out.suffix == ".mp4" else ""
     for runner in runners:
         progress(runner.name, 0, env.ticks)
         trajectories.append(rollout(env, runner, seed, episode_progress(progress, runner.name, 0, env.ticks)))
     movie = Movie(trajectories, options)
     out.parent.mkdir(parents=True, exist_ok=True)
-    write = {".gif": gif, ".mp4": mp4}[out.suffix]
+    write = partial(mp4, codec=codec) if codec else gif
     write_whole(out, write(movie, options.fps, lambda k: progress("drawing", k, len(movie))))
     return trajectories
-
-
-def _check_count(options: MovieOptions, length: float) -> None:
-    """Raise ConfigError if an episode of some length [s] makes more pictures than anyone waits for."""
-    shown = length if options.duration is None else min(options.duration, length)
-    if (count := shown * options.fps / options.speed) > MOST_PICTURES:
-        raise ConfigError(
-            f"duration = {shown:g} s: makes {count:.2g} pictures, at most {MOST_PICTURES}: shorten it, raise speed = "
-            f"{options.speed:g}, or lower fps = {options.fps}"
-        )
 
 
 class Movie:
@@ -147,7 +167,7 @@ class Movie:
         longest = max(trajectory.t[-1] for trajectory in trajectories)
         end = longest if options.duration is None else min(options.duration, longest)
         self._step = options.speed / options.fps  # s between two pictures
-        self._count = max(round(end / self._step), 1)
+        self._count = options.count(longest)
         damped = any(np.nan_to_num(trajectory.B_hat[:, :, TRANSVERSE]).any() for trajectory in trajectories)
         self._snapshots = [Snapshots(trajectory, damped) for trajectory in trajectories]
         self._renderers = self._side_by_side(trajectories, options, end)
@@ -221,42 +241,6 @@ class Snapshots:
         trace = np.vstack([self.trace[: before + 1], between(self.trace)])
         failure = kept.failure if t >= kept.t[-1] else ""
         return Snapshot(t, between(kept.p), between(kept.v), between(kept.applied), trace, failure)
-
-
-def gif(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
-    """Encode the pictures as a GIF that repeats for ever, in colours chosen once for all of them."""
-    from PIL import Image  # optional
-
-    chosen = np.unique(np.linspace(0, len(movie) - 1, SAMPLES).round().astype(int))
-    sample = Image.fromarray(np.vstack([movie[k] for k in chosen]))
-    palette = sample.quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
-
-    def pictures() -> Iterator[Image.Image]:
-        for k, picture in enumerate(movie):
-            progress(k)
-            yield Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
-
-    each, file = pictures(), io.BytesIO()
-    next(each).save(file, "GIF", save_all=True, append_images=each, duration=1000 // fps, loop=0, optimize=True)
-    return file.getvalue()
-
-
-def mp4(movie: Movie, fps: int, progress: Callable[[int], Any]) -> bytes:
-    """Encode the pictures as H.264 in an MP4 that browsers start to play while they load it."""
-    import av  # optional
-
-    height, width = (side // 2 * 2 for side in movie[0].shape[:2])  # the format wants even sides
-    with tempfile.TemporaryDirectory() as folder:  # moving the index to the front takes a file
-        file = Path(folder) / "movie.mp4"
-        with av.open(str(file), "w", options={"movflags": "faststart"}) as container:
-            stream = container.add_stream("libx264", rate=fps, options={"crf": "20"})
-            stream.pix_fmt, stream.height, stream.width = "yuv420p", height, width
-            for k, picture in enumerate(movie):
-                progress(k)
-                even = np.ascontiguousarray(picture[:height, :width])
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
-            container.mux(stream.encode())
-        return file.read_bytes()
 
 
 def _brightened(colour: str) -> tuple[int, int, int]:

@@ -20,7 +20,15 @@ from sffr_gym.task.signals import VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.evaluation import FIGURE_FILES, actuator_limits
 from sffr_workbench.figures.robot import path_figure
-from sffr_workbench.figures.style import canvas, draw_figures, policy_colours, title_with_limit
+from sffr_workbench.figures.style import (
+    SHORT,
+    canvas,
+    draw_figures,
+    legend_columns,
+    plain,
+    policy_colours,
+    title_with_limit,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +54,7 @@ class FigureData:
         widths = iter(np.linspace(2.8, 1.0, max(len(self.trajectories) - len(thin), 2)))
         lines = []
         for policy, trajectory in self.trajectories.items():
-            style: dict[str, Any] = {"label": policy, "color": self.colours[policy]}
+            style: dict[str, Any] = {"label": plain(policy), "color": self.colours[policy]}
             style["linewidth"] = 1.1 if policy in thin else next(widths)
             lines.append((policy, trajectory, style | ({"zorder": 1.5} if trajectory.failure else {})))
         return lines
@@ -56,7 +64,7 @@ def draw_episode_figures(trajectories: Mapping[str, Trajectory]) -> dict[str, by
     """Draw a trajectory of each policy, all in the same episode, and return the contents of the PNG files by name.
 
     Raises:
-        ModuleNotFoundError: without matplotlib.
+        ConfigError: see :func:`style.load_matplotlib`.
     """
     painters = dict(zip(FIGURE_FILES, (path, tracking, panels, damping, forces), strict=True))
     return draw_figures(painters, figure_data(trajectories))
@@ -115,7 +123,7 @@ def panels(data: FigureData) -> Figure | None:
     longest = max(data.trajectories.values(), key=lambda trajectory: len(trajectory.t))
     still = modal_tip_deflections(data.model, quasi_static_at(data.model, longest.reference, longest.t))
     for row, mount, i in zip(axes, mounts, range(len(mounts)), strict=False):
-        row[0].set_ylabel(f"{mount.name} tip\n[m]")
+        row[0].set_ylabel(f"{plain(mount.name, SHORT)} tip\n[m]")
         for each in row:
             each.plot(longest.t, still[:, i], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="quasi-static")
     axes[-1, 0].set_ylabel("vibration energy")
@@ -137,7 +145,7 @@ def damping(data: FigureData) -> Figure | None:
             for _, trajectory, style in lines:
                 each.plot(trajectory.t, trajectory.B_hat[:, i, k], **style)
     for each, mount in zip(axes[0], mounts, strict=True):
-        each.set_title(f"{mount.name} panel")
+        each.set_title(f"{plain(mount.name, SHORT)} panel")
     return _finish(data, figure, axes)
 
 
@@ -146,7 +154,10 @@ def forces(data: FigureData) -> Figure:
     params, limit = data.params, data.limit
     mounts, names = params.panel.mounts, ("axial", "transverse", "slope")
     n_c = (len(limit) - N_BASE - params.n_links) // max(len(mounts), 1)
-    piezos = [[f"{mount.name} piezo {names[c] if n_c == N_TIP else c + 1}" for c in range(n_c)] for mount in mounts]
+    piezos = [
+        [f"{plain(mount.name, SHORT)} piezo {names[c] if n_c == N_TIP else c + 1}" for c in range(n_c)]
+        for mount in mounts
+    ]
     at = n_c * len(mounts)
     groups = [
         [(at, "thrust x", "N"), (at + 1, "thrust y", "N"), (at + 2, "thruster torque", "N m")],
@@ -169,7 +180,7 @@ def forces(data: FigureData) -> Figure:
 
 def joint_names(params: Params) -> list[str]:
     """Return each joint's arm and number."""
-    return [f"{arm.name} joint {k + 1}" for arm in params.arms for k in range(len(arm.links))]
+    return [f"{plain(arm.name, SHORT)} joint {k + 1}" for arm in params.arms for k in range(len(arm.links))]
 
 
 def _grid(data: FigureData, rows: int, columns: int = 1, spans: bool = False, share: bool = True) -> tuple[Figure, Any]:
@@ -198,12 +209,13 @@ def _finish(data: FigureData, figure: Figure, axes: Any) -> Figure:
 
     Policies that failed do not widen the ranges, unless all did.
     """
-    failed = {policy for policy, trajectory in data.trajectories.items() if trajectory.failure}
+    failed = {plain(policy) for policy, trajectory in data.trajectories.items() if trajectory.failure}
     failed = set() if len(failed) == len(data.trajectories) else failed
     for each in axes.flat:
         together = each.get_shared_y_axes().get_siblings(each)
         lines = [line for one in together for line in one.get_lines() if line.get_label() not in failed]
-        values = np.concatenate([line.get_ydata() for line in lines] or [np.zeros(1)])
+        values = np.concatenate([np.zeros(0), *(line.get_ydata() for line in lines)])
+        values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         if each.get_yscale() == "log":
             top = np.max(values, initial=1e-12)
             low = np.quantile(values[values > 0.0], 0.01) if (values > 0.0).any() else top
@@ -216,7 +228,8 @@ def _finish(data: FigureData, figure: Figure, axes: Any) -> Figure:
         lowest.tick_params(labelbottom=True)
     figure.align_ylabels()
     shown = {line.get_label(): line for line in axes[0, 0].get_lines()}
-    figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=len(shown))
+    columns = legend_columns(list(shown))
+    figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=columns)
     return figure
 
 

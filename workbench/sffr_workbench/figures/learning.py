@@ -23,7 +23,7 @@ from sffr_gym.task.score import REFERENCE
 from sffr_gym.task.signals import VIBRATION
 from sffr_gym.task.statistics import interquartile_mean
 from sffr_gym.types import Array
-from sffr_workbench.figures.style import OTHER_COLOURS, POLICY_COLOURS, canvas, legend
+from sffr_workbench.figures.style import OTHER_COLOURS, POLICY_COLOURS, canvas, legend, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,11 +101,11 @@ def learning_curves(groups: dict[str, list[Curve]]) -> Figure:
             minutes = np.mean([curve.seconds for curve in curves], axis=0) / 60.0
             for axes, x in zip(row, (curves[0].steps / 1.0e6, minutes), strict=True):
                 axes.plot(x, values.T, color=OTHER_COLOURS[k], linewidth=0.6, alpha=0.5)
-                axes.plot(x, typical, color=OTHER_COLOURS[k], linewidth=1.8, label=f"{algo} ({len(curves)})")
+                axes.plot(x, typical, color=OTHER_COLOURS[k], linewidth=1.8, label=f"{plain(algo)} ({len(curves)})")
         for axes in row:
             axes.axhline(1.0, color=POLICY_COLOURS[REFERENCE], linewidth=1.0)
             axes.set_ylim(0.0, TOP)
-        row[0].set_ylabel(f"{scenario}: vibration / AHSC's")
+        row[0].set_ylabel(f"{plain(scenario)}: vibration / AHSC's")
     grid[-1, 0].set_xlabel("million actions of single panels")
     grid[-1, 1].set_xlabel("minutes of training")
     grid[0, 0].legend(loc="lower left", title="algorithm (seeds)", alignment="left")
@@ -189,9 +189,9 @@ def _draw_episode(row: Sequence[Axes], schedule: LearnedSchedule, params: Params
         colour = POLICY_COLOURS.get(name, "#000000")
         energy = run.signals[::STRIDE, VIBRATION]
         row[0].plot(
-            run.period * STRIDE * np.arange(len(energy)), 1.0e3 * energy, color=colour, label=name, linewidth=1.0
+            run.period * STRIDE * np.arange(len(energy)), 1.0e3 * energy, color=colour, label=plain(name), linewidth=1.0
         )
-        row[1].plot(run.t, run.B_hat[:, 0, 1], color=colour, label=name, linewidth=1.0)
+        row[1].plot(run.t, run.B_hat[:, 0, 1], color=colour, label=plain(name), linewidth=1.0)
     for axes in row:
         axes.set_xlim(0.0, SHOWN)
         axes.set_xlabel(f"time in the first evaluation episode of {env.scenario.name} [s]")

@@ -12,6 +12,7 @@ from sffr_gym.physics.kinematics import rotation, tip_deflections
 from sffr_gym.physics.model import Model, object_slice
 from sffr_gym.render.geometry import CORNERS, arm_line, in_base_axes, panel_line, path_points
 from sffr_gym.types import Array
+from sffr_workbench.figures.style import SHORT, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +48,8 @@ def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
     whole.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     whole.set_xlim(whole.dataLim.x0 - 3.6, whole.dataLim.x1 + 3.6)
     whole.grid(False)
-    title = f"{trajectory.policy}, {trajectory.scenario}\npanel deflections \u00d7{factor}"
+    title = f"{plain(trajectory.policy)}, {plain(trajectory.scenario)}"
+    title += f"\npanel deflections \u00d7{factor}" if params.panel.mounts else ""
     if trajectory.reference.radius > 2.5 * params.panel.length:  # there is room in the middle
         whole.legend(loc="center", title=title)
     else:
@@ -84,13 +86,13 @@ def draw_robot(
         if size == 1.0:
             for point, side in zip(line[2:-1:2], across[2:-1:2], strict=True):
                 axes.plot(*np.array([point - side, point + side]).T, color=CELL, linewidth=0.8, zorder=5)
-        parts.append((f"{mount.name} panel", line[2 * len(line) // 3]))
+        parts.append((f"{plain(mount.name, SHORT)} panel", line[2 * len(line) // 3]))
     for i, arm in enumerate(params.arms):
         line = arm_line(model, p, i)
         for colour, width in (EDGE, 6.0), (BODY, 3.6):
             axes.plot(*line.T, color=colour, linewidth=width * size, solid_capstyle="round", zorder=6)
         axes.plot(*line[:-1].T, "o", color=EDGE, markersize=4.5 * size, zorder=7)
-        parts.append((arm.name, line[-2:].mean(axis=0)))
+        parts.append((plain(arm.name, SHORT), line[-2:].mean(axis=0)))
     square = p[:2] + params.base.side / 2 * CORNERS @ rotation(p[2]).T
     axes.add_patch(Polygon(square, facecolor=BODY, edgecolor=EDGE, linewidth=1.8 * size, zorder=5))
     if params.object is not None:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Mapping
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sffr_gym import ConfigError
 from sffr_gym.config.files import write_whole
+from sffr_workbench.common import require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DPI = 150
+LONGEST, SHORT = 40, 16  # letters of a user's name of a run's part and of a robot's; the middle of longer ones is cut
+WIDTH = 120  # letters of a legend beside each other
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 POLICY_COLOURS = {
     "none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7",
@@ -45,11 +54,9 @@ def draw_figures(painters: Mapping[str, Painter], *data: Any) -> dict[str, bytes
         data: what they draw.
 
     Raises:
-        ModuleNotFoundError: without matplotlib.
+        ConfigError: see :func:`load_matplotlib`.
     """
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
+    with drawing():
         drawn = {name: paint(*data) for name, paint in painters.items()}
         return {name: png(figure) for name, figure in drawn.items() if figure is not None}
 
@@ -59,6 +66,57 @@ def save_figures(folder: Path, painters: Mapping[str, Painter], *data: Any) -> l
     contents = draw_figures(painters, *data)
     folder.mkdir(parents=True, exist_ok=True)
     return [write_whole(folder / name, content) for name, content in contents.items()]
+
+
+def load_matplotlib() -> None:
+    """Import matplotlib, also where ``MPLBACKEND`` names no backend: none is needed, since nothing is shown.
+
+    Raises:
+        ConfigError: if it is not installed or cannot be loaded, such as for a damaged ``matplotlibrc``.
+    """
+    require("plot", "matplotlib")
+    if "matplotlib" in sys.modules:
+        return
+    backend = os.environ.pop("MPLBACKEND", "")  # one that it does not know would break the import
+    try:
+        settings = import_module("matplotlib").rcParams
+    except Exception as error:  # whatever is wrong with the installation or the settings
+        raise ConfigError(f"matplotlib cannot be loaded: {type(error).__name__}: {error}") from None
+    finally:
+        if backend:
+            os.environ["MPLBACKEND"] = backend
+    if backend:
+        with suppress(ValueError):
+            settings["backend"] = backend  # as the import does
+
+
+@contextmanager
+def drawing(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
+    """Let figures look the same whatever the user's settings of matplotlib are, and leave those as they were.
+
+    Raises:
+        ConfigError: see :func:`load_matplotlib`.
+    """
+    load_matplotlib()
+    from matplotlib.style import context
+
+    with context(["default", dict(style)]), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # drawn as boxes
+        warnings.filterwarnings("ignore", "Data has no positive values", UserWarning)  # an error of exactly 0
+        yield
+
+
+def plain(name: str, most: int = LONGEST) -> str:
+    """Return a name of the user's as matplotlib draws it as it stands: a line of ``most`` letters without formulas."""
+    line = " ".join(name.encode("utf-8", "replace").decode().split())
+    if len(line) > most:
+        line = f"{line[: most // 2 - 2]}...{line[1 - most // 2 :]}"
+    return f" {line}".replace("$", "\\$") if line.startswith("_") else line.replace("$", "\\$")
+
+
+def legend_columns(labels: Sequence[str]) -> int:
+    """Return how many entries of a legend stand beside each other."""
+    return min(len(labels), max(WIDTH // (6 + max(map(len, labels), default=0)), 1))
 
 
 def png(figure: Figure) -> bytes:
@@ -79,7 +137,7 @@ def canvas(rows: int, columns: int, height: float, **sharing: Any) -> tuple[Figu
 def legend(figure: Figure, axes: Axes, **options: Any) -> Figure:
     """Put one legend above everything, of the lines in ``axes``."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), **options)
+    figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels), **options)
     figure.align_ylabels()
     return figure
 

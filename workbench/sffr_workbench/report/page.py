@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from sffr_gym import ConfigError
-from sffr_gym.config.files import check_target, write_whole
+from sffr_gym.config.files import check_target, to_json, write_whole
 from sffr_gym.config.provenance import package_version
 from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.common import template
@@ -59,14 +60,16 @@ def write_report(folders: Sequence[Path], out: Path | None = None, overwrite: bo
 
 
 def report_page(runs: Sequence[Run]) -> str:
-    """Return the report as HTML."""
+    """Return the report as HTML; what is no text, such as of a file's name in another encoding, is "?" in it."""
     from markupsafe import Markup  # optional
 
-    return template("sffr_workbench.report").render(
-        runs=runs, episodes=_episodes(runs), manifests=[run.repeat for run in runs],
+    page = template("sffr_workbench.report").render(
+        runs=runs, episodes=json.loads(to_json(_episodes(runs))),  # without NaN, which JavaScript refuses
+        manifests=[run.repeat for run in runs],
         title=", ".join(dict.fromkeys(result.scenario for run in runs for result in run.results)),
         version=package_version("sffr-gym"), style=Markup(_texts(STYLES)), script=Markup(_texts(SCRIPTS)),
     )  # fmt: skip
+    return str(page).encode("utf-8", "replace").decode()
 
 
 def _episodes(runs: Sequence[Run]) -> list[dict[str, Any]]:

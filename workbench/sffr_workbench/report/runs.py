@@ -60,10 +60,12 @@ class ScoreTable(NamedTuple):
     def verdict(self) -> str:
         """Return which policy calms the panels, in a sentence; empty where there is nothing to compare."""
         finished = {policy for policy, _, failed in self.rows if not failed}
-        sound = {policy: energy for policy, energy in self.vibration.items() if policy in finished}
+        sound = {name: energy for name, energy in self.vibration.items() if name in finished and np.isfinite(energy)}
         if len(sound) < 2:
             return ""
         best, worst = min(sound, key=sound.__getitem__), max(sound, key=sound.__getitem__)
+        if not sound[worst] > 0.0:
+            return ""  # as of a robot without panels
         if not sound[best] > 0.0:
             return f"{best} leaves the panels without any vibration."
         unit, scale = prefixed_unit("J", sound[best])

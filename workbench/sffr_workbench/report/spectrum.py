@@ -14,6 +14,7 @@ from sffr_workbench.evaluation import Recording
 WINDOW = 60.0  # s, of Welch's method: half a dozen periods of the first mode
 BINS = 160  # of a spectrum, evenly spaced on a logarithmic axis
 HIGHEST = 20.0  # Hz; whatever is beyond is far below the panels' bending modes
+PERIODS = 4  # of the highest frequency that an episode must at least have for a spectrum
 SHARES = np.logspace(-5, 0, 16)  # ends of the bins of |command| / limit, three a decade
 GROUPS = ("piezo", "thruster", "joint")
 
@@ -24,13 +25,14 @@ def spectrum(recording: Recording) -> dict[str, Any]:
     Welch's method with a Hann window; the mean of what falls into a bin of a logarithmic axis.
 
     Returns:
-        ``f`` (k,) [Hz], ``psd`` (n_p, k) [m2/Hz]; empty for an episode that is too short for a spectrum.
+        ``f`` (k,) [Hz], ``psd`` (n_p, k) [m2/Hz]; empty for a robot without panels, and for an episode that is too
+        short for a spectrum below ``HIGHEST``.
     """
     from scipy.signal import welch  # it takes most of a second to import, which other commands need not wait for
 
     tips = recording.tips[np.isfinite(recording.tips).all(axis=1)]
     length = min(round(WINDOW / recording.period), len(tips))
-    if length < BINS:
+    if not tips.size or length < max(BINS, PERIODS / (HIGHEST * recording.period)):
         return {"f": [], "psd": [[] for _ in tips.T]}
     f, power = welch(tips, 1.0 / recording.period, nperseg=length, detrend="linear", axis=0)
     edges = np.geomspace(f[1] * 0.999, min(HIGHEST, f[-1]), BINS + 1)
@@ -47,6 +49,8 @@ def mode_frequencies(recording: Recording) -> list[float]:
 
     None of a state so far beyond the model's range that its mass matrix is not positive definite to rounding.
     """
+    if not np.isfinite(recording.p[0]).all():
+        return []
     sim = Simulator(recording.plant)
     try:
         frequencies: Array = sim.frequencies(sim.unflatten(0.0, recording.p[0], np.zeros_like(recording.p[0])))

@@ -10,7 +10,7 @@ from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import PACKAGES, git_state, package_version
 from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.common import Progress, describe_commit, describe_versions
-from sffr_workbench.figures.style import STYLE, png
+from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.reproduce.adaptation_figures import adaptation_figures
 from sffr_workbench.reproduce.cases import run_cases
 from sffr_workbench.reproduce.claims import Claim, assess_claims
@@ -43,15 +43,13 @@ def reproduce(
 
     Raises:
         ConfigError: if a file is in the way that the folder's run did not write; nothing has run then.
-        ModuleNotFoundError: without matplotlib.
+            Also without matplotlib; see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
-    import matplotlib as mpl
-
     run.check_names([*FIGURE_FILES, PAGE_FILE, MARKDOWN_FILE, CLAIMS_FILE])
     runs = run_cases(duration, progress)
     progress("the independent codes", 1, 2)
     claims = assess_claims(runs, run_cross_checks())
-    with mpl.rc_context(STYLE):
+    with drawing():
         figures = paper_figures(runs) + adaptation_figures(runs)
         figures += [stability_figure(runs.params), piezo_figure(runs.params)]
         pngs = {}

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, NamedTuple
 
 from sffr_gym.physics.integrator import ETDRK4, RK4
-from sffr_workbench.figures.style import png
+from sffr_workbench.figures.style import drawing, png
 from sffr_workbench.speed.circle import Course, Drive, close_loop, drive, make_course, relative_errors
 from sffr_workbench.speed.measure import Row, Section, one_core
 from sffr_workbench.speed.mujoco_circle import MujocoPlant
 from sffr_workbench.speed.scipy_circle import ScipyPlant
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE = "work_precision.png"
 QUICK_SECONDS = 0.2  # of the circle
@@ -66,6 +67,13 @@ def precision(repeats: int, quick: bool) -> Section:
 
 def draw_picture(section: Section) -> bytes:
     """Draw the diagram and return the content of its PNG file."""
+    with drawing({}):
+        return png(_picture(section))
+
+
+def _picture(section: Section) -> Figure:
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8.2, 4.6), layout="constrained")
     axes = figure.subplots()
     for method, (colour, marker) in STYLES.items():
@@ -81,7 +89,7 @@ def draw_picture(section: Section) -> bytes:
     axes.grid(color="#e3e6e8", linewidth=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(frameon=False, loc="outside right upper")
-    return png(figure)
+    return figure
 
 
 def _results(course: Course, repeats: int, quick: bool) -> Iterator[Result]:

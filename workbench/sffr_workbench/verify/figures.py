@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sffr_gym.types import Array
+from sffr_workbench.figures.style import drawing
 from sffr_workbench.verify.motion import Motion
 
 if TYPE_CHECKING:
@@ -39,9 +40,7 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     @functools.wraps(draw)
     def drawn(*arguments: Any) -> Figure:
-        import matplotlib as mpl
-
-        with mpl.rc_context(STYLE):
+        with drawing(STYLE):
             return draw(*arguments)
 
     return drawn
@@ -127,10 +126,8 @@ def steps(errors: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figu
 
 def svg(figure: Figure) -> str:
     """Return a figure as an SVG element of a page, in whose colour of text it draws axes and labels."""
-    import matplotlib as mpl
-
     buffer = io.StringIO()
-    with mpl.rc_context(STYLE):
+    with drawing(STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :].replace(INK.lower(), "currentColor")

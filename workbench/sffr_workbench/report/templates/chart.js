@@ -24,7 +24,7 @@ class Axis {
     }
     const step = roundStep((Math.max(high, 0) - Math.min(low, 0) || 1) / 4);
     const ends = [Math.floor(Math.min(low, 0) / step + 1e-6), Math.ceil(Math.max(high, 0) / step - 1e-6)];
-    return new Axis(ends[0] * step, ends[1] * step, unit);
+    return new Axis(ends[0] * step, (ends[1] - ends[0] < 1 ? ends[0] + 1 : ends[1]) * step, unit);
   }
 
   /** 0 at the low end, 1 at the high one. */

@@ -10,16 +10,20 @@ class Replay {
     this.duration = Math.max(...this.recordings.map(({ end }) => end));
     this.shown = [...this.recordings].sort((a, b) => a.unrest - b.unrest); // the calmest in front
     Object.assign(this, { t: 0, playing: false, speed: 4, factor: 5, view: "robot" });
+    document.body.classList.toggle("rigid", !this.robot.panels.length);
     const surface = new Surface(parts.stage);
     this.scene = new Scene(surface, this.robot);
     this.panels = this.robot.panels.map((_, k) => new PanelView(surface, this.robot, k));
     for (const part of [parts.tips, parts.charts, parts.spectra, parts.uses]) part.replaceChildren();
     const seek = (t) => this.seek(t);
     this.charts = timeKinds(this.robot, this.recordings).map((kind) =>
-      new TimeChart(kind.aside ? parts.tips : parts.charts, kind, this.duration, seek));
+      new TimeChart(kind.aside ? parts.tips : parts.charts, kind, this.duration || this.recordings[0].step, seek));
+    const spectra = this.recordings.some((recording) => recording.spectra.f.length > 0);
+    parts.spectra.closest("section").hidden = !spectra; // none without panels, or of a short episode
     this.summaries = [
       ...this.robot.panels.map((_, k) => new SpectrumChart(parts.spectra, this.robot, k)),
-      ...Object.keys(UseChart.NAMES).map((group) => new UseChart(parts.uses, group)),
+      ...Object.keys(UseChart.NAMES).filter((group) => this.robot.panels.length || group !== "piezo")
+        .map((group) => new UseChart(parts.uses, group)),
     ];
     this.views = ["robot", ...this.robot.panels.map((_, k) => `panel ${k}`), "path"];
     this.changed = () => {};

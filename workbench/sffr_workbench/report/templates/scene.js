@@ -49,7 +49,7 @@ class Scene {
   /** Dots that stand still in space, so that motion shows. */
   drawDots() {
     const { width, height } = this.surface;
-    const apart = this.scale > 14 ? 2 : 5;
+    const apart = Math.max(2, roundStep(28 / this.scale));
     const [across, up] = [width / 2 / this.scale, height / 2 / this.scale];
     for (let x = Math.ceil((this.centre[0] - across) / apart) * apart; x < this.centre[0] + across; x += apart) {
       for (let y = Math.ceil((this.centre[1] - up) / apart) * apart; y < this.centre[1] + up; y += apart) {
@@ -226,8 +226,10 @@ class Scene {
     const { surface } = this;
     const { ink, dim, force, plume } = Theme.colours;
     const bottom = surface.height - 16;
-    surface.text(`deflections drawn ${factor}×`, 12, bottom - 36, ink);
-    surface.text("dashed: without swing", 12, bottom - 18, dim);
+    if (this.robot.panels.length) {
+      surface.text(`deflections drawn ${factor}×`, 12, bottom - 36, ink);
+      surface.text("dashed: without swing", 12, bottom - 18, dim);
+    }
     surface.line([[12, bottom], [12 + this.scale, bottom]], dim, 2);
     surface.text("1 m", 18 + this.scale, bottom, dim);
     surface.text(`thrust ${withUnit(Math.hypot(state.thrust[0], state.thrust[1]), "N")}`, surface.width - 12, 18,

@@ -72,11 +72,12 @@ function timeKinds(robot, recordings) {
     of: (recording) => recording.column("tips", k),
     rest: (recording) => restTips(recording, k),
   }));
+  const panels = robot.panels.length > 0;
   const others = [
-    { title: "Vibration energy", unit: "J", log: true, of: (recording) => recording.column("energy", 0) },
+    panels && { title: "Vibration energy", unit: "J", log: true, of: (recording) => recording.column("energy", 0) },
     { title: "Tracking error of the object", unit: "m", log: true, of: (recording) => recording.column("error", 0) },
-    { title: "Piezo voltage, largest", unit: "V", of: (recording) => recording.largest("volts") },
-  ];
+    panels && { title: "Piezo voltage, largest", unit: "V", of: (recording) => recording.largest("volts") },
+  ].filter(Boolean);
   if (recordings.some((recording) => recording.has("damping"))) {
     others.push({ title: "Virtual damping [N s/m]", unit: "", of: meanDamping });
   }
