@@ -184,7 +184,7 @@ def test_state_is_restored_bit_for_bit():
         ({"law": "none"}, "law = 'none'"),
         ({"rho": 0.5}, "rho = 0.5"),
         ({"agent_period": 0.003}, "multiple of control.period"),
-        ({"base_tolerance": 0.0}, "base_tolerance = 0.0: must be positive"),
+        ({"base_tolerance": 0.0}, "base_tolerance = 0.0: must be at least 1e-09"),
         ({"overrides": ["panel.elements=8", "panel.bending_cut=1.0e6"]}, "rho = 10: with the virtual damping"),
         ({"overrides": ["panel.mounts=[]", "initial.qf=[0, 0, 0]", "initial.qfd=[0, 0, 0]"]}, "no panels"),
     ],

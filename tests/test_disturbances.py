@@ -118,7 +118,7 @@ def test_noise_does_not_depend_on_actions_or_neighbours(user_scenario):
 def test_a_noisy_observation_stays_in_its_space(user_scenario):
     """Whatever the noise, the observation keeps its bounds, and the episode goes on."""
     env, observations, infos = run(
-        user_scenario(sensors={"position": 1e3, "angle": 1e3, "velocity": 1e3, "rate": 1e3}), 50
+        user_scenario(sensors={"position": 100.0, "angle": 1.0, "velocity": 100.0, "rate": 100.0}), 50
     )
     assert all(env.observation_space.contains(obs) for obs in observations)
     assert (np.abs(observations) == env.observation_space.high).any()

@@ -78,9 +78,7 @@ def test_damaged_settings_are_an_error_in_a_line(tmp_path):
     (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe")
     done = elsewhere(tmp_path)
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith(
-        "sffr_gym.config.strict_yaml.ConfigError: matplotlib cannot be loaded"
-    )
+    assert done.stderr.splitlines()[-1].startswith("sffr_gym.config.errors.ConfigError: matplotlib cannot be loaded")
 
 
 def test_settings_of_the_program_stay(tmp_path):
