@@ -14,7 +14,7 @@ from sffr_gym.types import Array
 SPECIAL = (0.0, -0.0, 1.0, -1.5, 1e300, -1e-300, 5e-324, np.inf, -np.inf, np.nan)
 
 
-@inline
+@kernel(inline=True)
 def compute(x, y, out):
     """Every operation of lanes; ``x, y`` (1,), ``out`` (21,)."""
     a, b = x[0], y[0]

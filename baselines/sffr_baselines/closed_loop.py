@@ -109,7 +109,7 @@ def make_record(task: TaskModel, ticks: int, stride: int) -> Record:
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def control(law, obs, B_hat, factor, work, command):
     """Write the command (n_u,) of the law for an observation (n_o,) and adapt ``B_hat`` (n_p, 3) in place.
 
@@ -179,7 +179,7 @@ def run(plant, reference, sensing, impulses, law, block, first, last, p, v, obs,
     return last, RUNNING
 
 
-@inline
+@kernel(inline=True)
 def _keep_state(record, row, p, v, obs, B_hat, factor):
     """Write the state at a period's start, and the virtual damping as it acts, into a row of the record."""
     assign(record.p[row], p)
@@ -190,7 +190,7 @@ def _keep_state(record, row, p, v, obs, B_hat, factor):
             record.B_hat[row, i, k] = factor[i, k] * B_hat[i, k]
 
 
-@inline
+@kernel(inline=True)
 def _keep_forces(record, row, period):
     """Write what acted during a period into a row of the record."""
     forces = period.step.forces

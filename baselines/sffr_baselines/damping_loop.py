@@ -136,7 +136,7 @@ def damping_range(fleet, batch, law, damping, actions, active, block, plain, fir
         damp_alike(fleet, batch, law, damping, actions, active, block, plain, i, i + alike)
 
 
-@inline
+@kernel(inline=True)
 def damp_alike(fleet, batch, law, damping, actions, active, block, plain, first, last):
     """Advance environments as :func:`damping_range` does, with the plant of the first."""
     task = plant_at(fleet, first)
@@ -168,7 +168,7 @@ def damp_alike(fleet, batch, law, damping, actions, active, block, plain, first,
                 _end_decision(law, batch, damping, i + k, group, work.period, decision, k)
 
 
-@inline
+@kernel(inline=True)
 def _any_running(decision):
     """Whether the episode goes on in any lane."""
     running = columns(decision.running)
@@ -178,7 +178,7 @@ def _any_running(decision):
     return False
 
 
-@inline
+@kernel(inline=True)
 def _begin_decision(law, batch, damping, actions, active, i, decision):
     """Take what the decisions of the environments from ``i`` on set, and nothing summed yet."""
     running = columns(decision.running)
@@ -198,7 +198,7 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
     decision.panels[:] = 0.0
 
 
-@inline
+@kernel(inline=True)
 def _add(task, group, period, decision):
     """Add what a control period gave to the sums, where the episode still runs."""
     runs, weights = decision.running[0] > 0.0, task.weights
@@ -214,7 +214,7 @@ def _add(task, group, period, decision):
         decision.panels[k] -= where(runs, task.period * price, 0.0)
 
 
-@inline
+@kernel(inline=True)
 def _end_decision(law, batch, damping, i, group, period, decision, lane):
     """Bring a lane back as environment ``i`` with the sums of its decision, and the features of the next one."""
     store(batch, i, group, period, lane)

@@ -114,7 +114,7 @@ def schedule_shapes(law):
     return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * N_TIP,))
 
 
-@inline
+@kernel(inline=True)
 def write_features(law, obs, features):
     """Write the features (n_p N_FEATURES,) of an observation, panel by panel in the order of ``FEATURES``.
 
@@ -144,7 +144,7 @@ def write_features(law, obs, features):
             own[k] = min(max(own[k], -schedule.bounds[k]), schedule.bounds[k])
 
 
-@inline
+@kernel(inline=True)
 def apply_decision(law, obs, decision, factor):
     """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate.
 
@@ -181,7 +181,7 @@ def update_schedule(law, obs, work, factor):
     apply_decision(law, obs, work.decision, factor)
 
 
-@inline
+@kernel(inline=True)
 def _propagate(schedule, seen, hidden, decision):
     """Write the network's output."""
     sizes, weights = schedule.sizes, schedule.weights

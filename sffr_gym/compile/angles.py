@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, pi, sin
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.lanes import any_lane, floor, where
 from sffr_gym.types import Array
 
@@ -30,13 +30,13 @@ def anchor_shapes(n):
     return Anchor(angle=(n,), cos=(n,), sin=(n,))
 
 
-@inline
+@kernel(inline=True)
 def wrap(angle):
     """The same angle in [-pi, pi), up to rounding."""
     return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
-@inline
+@kernel(inline=True)
 def cos_sin_near(anchor, k, angle, refresh):
     """Cosine and sine of an angle [rad].
 

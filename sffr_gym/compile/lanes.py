@@ -26,7 +26,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, overload
 from numba.np.arrayobj import make_array, populate_array
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import kernel
 
 WIDTH = 8  # of AVX-512; narrower machines take two or four instructions for one
 ALIGNMENT = 64  # bytes
@@ -280,7 +280,7 @@ def _floor_overload(x):
     return (lambda x: _floor(x)) if x == lanes else lambda x: np.floor(x)
 
 
-@inline
+@kernel(inline=True)
 def gather(rows, i, target):
     """Copy row ``i`` of (n, k) into a vector (k,), or as many rows from ``i`` on as it has lanes, one into each."""
     numbers = columns(target)
@@ -289,7 +289,7 @@ def gather(rows, i, target):
             numbers[k, lane] = rows[i + lane, k]
 
 
-@inline
+@kernel(inline=True)
 def take(source, lane, row):
     """Copy a lane of a vector (k,) into a row (k,)."""
     numbers = columns(source)
@@ -297,7 +297,7 @@ def take(source, lane, row):
         row[k] = numbers[k, lane]
 
 
-@inline
+@kernel(inline=True)
 def put(row, target, lane):
     """Copy a row (k,) into a lane of a vector (k,)."""
     numbers = columns(target)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from math import sqrt
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import kernel
 
 
-@inline
+@kernel(inline=True)
 def assign(target, source):
     """Copy a vector (n,) into another; kernels that own no memory cannot use ``target[:] = source``."""
     for k in range(len(source)):
         target[k] = source[k]
 
 
-@inline
+@kernel(inline=True)
 def length(x, y):
     """Length of a vector in the plane."""
     return sqrt(x * x + y * y)
 
 
-@inline
+@kernel(inline=True)
 def symmetric_inverse(A, out):
     """Invert a symmetric 3 x 3 matrix given as ``(xx, xy, xz, yy, yz, zz)`` by its adjugate."""
     xx, xy, xz, yy, yz, zz = A
@@ -32,7 +32,7 @@ def symmetric_inverse(A, out):
     out[1, 2] = out[2, 1] = (xy * xz - xx * yz) * det
 
 
-@inline
+@kernel(inline=True)
 def times(A, x, y, z):
     """Product of a 3 x 3 matrix and a vector."""
     return (
@@ -42,7 +42,7 @@ def times(A, x, y, z):
     )
 
 
-@inline
+@kernel(inline=True)
 def times_transposed(A, x, y, z):
     """Product of the transpose of a 3 x 3 matrix and a vector."""
     return (

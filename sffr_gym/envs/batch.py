@@ -215,7 +215,7 @@ def step_range(fleet, batch, actions, active, block, plain, first, last):
         step_alike(fleet, batch, actions, active, block, plain, i, i + alike)
 
 
-@inline
+@kernel(inline=True)
 def step_alike(fleet, batch, actions, active, block, plain, first, last):
     """Advance environments as :func:`step_range` does, with the plant of the first."""
     task = plant_at(fleet, first)
@@ -238,7 +238,7 @@ def step_alike(fleet, batch, actions, active, block, plain, first, last):
                 take(group.terms, k - i, batch.terms[k])
 
 
-@inline
+@kernel(inline=True)
 def clipped(action):
     """How many entries of an action (n,) lie beyond [-1, 1]."""
     count = 0
@@ -247,7 +247,7 @@ def clipped(action):
     return count
 
 
-@inline
+@kernel(inline=True)
 def load(batch, i, group):
     """Take the environments from ``i`` on into a group."""
     gather(batch.p, i, group.p)
@@ -257,7 +257,7 @@ def load(batch, i, group):
     gather(batch.signals, i, group.signals)
 
 
-@inline
+@kernel(inline=True)
 def begin(task, batch, i, group, lane):
     """Let the next control period of environment ``i`` begin in a lane of a group, with its impulses."""
     impulses = Impulses(batch.impulse_tick[i], batch.impulse[i])
@@ -267,7 +267,7 @@ def begin(task, batch, i, group, lane):
     columns(group.t)[0, lane] = batch.tick[i] * task.period
 
 
-@inline
+@kernel(inline=True)
 def advance_group(task, group, period):
     """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
     group.status[0] = control_period(
@@ -278,7 +278,7 @@ def advance_group(task, group, period):
     group.cost[0] = period_cost(group.signals, group.status[0])
 
 
-@inline
+@kernel(inline=True)
 def sense_lane(task, batch, i, group, period, lane, one):
     """Turn the true observation of a lane, environment ``i``, into what its sensors see.
 
@@ -295,7 +295,7 @@ def sense_lane(task, batch, i, group, period, lane, one):
     put(before.obs, group.obs, lane)
 
 
-@inline
+@kernel(inline=True)
 def store(batch, i, group, period, lane):
     """Bring a lane of a group back as environment ``i``; period: as in :func:`sense_lane`."""
     batch.status[i] = int(columns(group.status)[0, lane])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.physics.model import N_BASE, Model, first_mode, tip_rows
@@ -90,21 +90,21 @@ def actuator_shapes(n, n_c, n_u):
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def command_of(action, scale, command):
     """Write the command (n_u,) of an action (n_u,): clipped to [-1, 1], times what a unit action asks for (n_u,)."""
     for k in range(len(command)):
         command[k] = min(max(action[k], -1.0), 1.0) * scale[k]
 
 
-@inline
+@kernel(inline=True)
 def saturate(actuators, command, applied):
     """Clip a command (n_u,) to the limits into ``applied``; NaN stays NaN."""
     for i in range(len(command)):
         applied[i] = min(max(command[i], -actuators.limit[i]), actuators.limit[i])
 
 
-@inline
+@kernel(inline=True)
 def generalized_forces(model, actuators, applied, tau):
     """Write the generalised forces ``tau`` (n,) of an applied command (n_u,); the object's stay as they are.
 

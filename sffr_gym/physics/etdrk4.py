@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
 from sffr_gym.physics.model import is_staggered
@@ -43,7 +43,7 @@ def etdrk4_shapes(model):
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def etdrk4_step(model, p, v, tau, h, work, forces, step):
     """Advance the plant in place by one step, in the form of polynomial forcing.
 
@@ -73,14 +73,14 @@ def etdrk4_step(model, p, v, tau, h, work, forces, step):
     _quadratic_forcing(p, v, h, step)
 
 
-@inline
+@kernel(inline=True)
 def _extrapolate(a):
     """Write ``2 a[2] - a[0]`` into row 3 of ``a`` (4, n)."""
     for c in range(a.shape[1]):
         a[3, c] = 2.0 * a[2, c] - a[0, c]
 
 
-@inline
+@kernel(inline=True)
 def _constant_forcing(step, start, duration, forcing, end):
     """Solve the frozen linear part exactly over ``duration`` [s], the slow accelerations held.
 
@@ -106,7 +106,7 @@ def _constant_forcing(step, start, duration, forcing, end):
             v_end[c] += R[c] * kick
 
 
-@inline
+@kernel(inline=True)
 def _quadratic_forcing(p, v, h, step):
     """Solve the frozen linear part over the whole step ``h`` [s] under the quadratic through the stages; in place.
 

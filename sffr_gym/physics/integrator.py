@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.physics.dynamics import Internal, Work, internal_shapes, work_shapes
 from sffr_gym.physics.etdrk4 import Etdrk4, etdrk4_shapes, etdrk4_step
 from sffr_gym.physics.rk4 import Rk4, rk4_shapes, rk4_step
@@ -28,7 +28,7 @@ def step_shapes(model):
     return StepWork(work_shapes(model), internal_shapes(model), etdrk4_shapes(model), rk4_shapes(model))
 
 
-@inline
+@kernel(inline=True)
 def advance(model, p, v, tau, duration, steps, integrator, work):
     """Advance the plant in place by ``duration`` [s] in ``steps`` equal steps.
 

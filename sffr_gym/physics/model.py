@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.workspace import Constant, Integers
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -109,7 +109,7 @@ class Model(NamedTuple):
     eta: float  #: strain-rate damping [s]
 
 
-@inline
+@kernel(inline=True)
 def is_staggered(model):
     """Whether Q_flex is held over a step; known from the model's type, so that the exact coupling is compiled alone."""
     return len(model.staggered) > 0
@@ -168,7 +168,7 @@ def model_shapes(n, staggered):
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def first_mode(model, panel):
     """Index of a panel's first modal amplitude in ``p``."""
     return model.at.modes + panel * model.omega2.shape[1]

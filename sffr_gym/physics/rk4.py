@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
 from sffr_gym.physics.model import is_staggered
@@ -28,7 +28,7 @@ def rk4_shapes(model):
     return Rk4((n,), (n,), (n,), (n,), (n,))
 
 
-@inline
+@kernel(inline=True)
 def rk4_step(model, p, v, tau, h, work, forces, step):
     """Advance the plant in place by one step; stable only while ``h`` times the largest frequency stays below 2.8.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.compile.workspace import Interleaved
 from sffr_gym.physics.dynamics import stiff_response
@@ -50,7 +50,7 @@ def frozen_shapes(model):
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def freeze(model, p, v, half, work, modes, z, zd):
     """Freeze the stiff modes' response at the start of a step and solve their coupled oscillation.
 
@@ -83,7 +83,7 @@ def freeze(model, p, v, half, work, modes, z, zd):
             R[j, stiff.at[k]] = V[k, j] / omega[k]
 
 
-@inline
+@kernel(inline=True)
 def take_out(model, modes, z, zd, a, g):
     """Take the frozen part out of the accelerations ``a`` (n,); what is left of them in coupled modes is ``g`` (n_s,).
 
@@ -100,7 +100,7 @@ def take_out(model, modes, z, zd, a, g):
             g[j] += modes.V[k, j] * stiff.omega[k] * a[stiff.at[k]]
 
 
-@inline
+@kernel(inline=True)
 def _transition(mu2, damping, duration, oscillators, j):
     """Fill oscillator ``j``: the state transition of ``zdd + damping zd + mu2 z = 0`` over ``duration`` [s]."""
     sigma = 0.5 * damping
@@ -117,7 +117,7 @@ def _transition(mu2, damping, duration, oscillators, j):
     oscillators.vz[j], oscillators.vv[j] = -mu2 * s, c - sigma * s
 
 
-@inline
+@kernel(inline=True)
 def _jacobi(A, V, threshold):
     """Diagonalise a symmetric matrix in place by cyclic Jacobi rotations until no coupling exceeds ``threshold``."""
     n = len(A)
@@ -136,7 +136,7 @@ def _jacobi(A, V, threshold):
             return
 
 
-@inline
+@kernel(inline=True)
 def _rotate(A, V, i, j, coupled):
     """One Jacobi rotation that makes ``A[i, j]`` zero (Golub and Van Loan, Matrix Computations, sec. 8.5).
 

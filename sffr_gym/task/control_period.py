@@ -51,7 +51,7 @@ def period_shapes(task):
     )  # fmt: skip
 
 
-@inline
+@kernel(inline=True)
 def control_period(task, reference, t_end, p, v, command, wrench, work, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
@@ -106,7 +106,7 @@ def observe_state(task, reference, t, p, v, work, obs, signals):
     measure_state(task, reference, des, p, v, work.energy, work.quasi_static, signals)
 
 
-@inline
+@kernel(inline=True)
 def _has_diverged(p, v):
     """1 where a position or velocity (n,) is not finite, else 0."""
     diverged = 0.0
@@ -115,7 +115,7 @@ def _has_diverged(p, v):
     return diverged
 
 
-@inline
+@kernel(inline=True)
 def _roll_back(diverged, before, values):
     """Put values (n,) back to what they were before where the state has diverged."""
     for k in range(len(values)):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.jit import inline, kernel
 from sffr_gym.config.params import Params
 from sffr_gym.physics.model import Model, joint_slice, object_slice
 from sffr_gym.types import Array
@@ -85,7 +85,7 @@ def flat_reference(reference: Reference) -> Array:
     return np.concatenate([reference[:-1], reference.joints])
 
 
-@inline
+@kernel(inline=True)
 def desired(reference, t):
     """Desired motion of the object at time ``t`` [s] as a :class:`Desired`."""
     radius, rate = reference.radius, reference.rate
