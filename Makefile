@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results train test coverage mutants bench format lint types contracts check api clean
+.PHONY: help run verify results train test coverage mutants hostile bench format lint types contracts check api clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,6 +14,7 @@ COVERED := actuators angles beam dynamics episode episode_end fleet metrics mic 
 	param_ranges params piezo policies printed_panel reference regulator scenario score stability statistics suite_hash \
 	suppression vector_arguments
 MUTANTS_ARGS ?=
+HOSTILE_ARGS ?= --minutes 10
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -48,6 +49,9 @@ coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that
 
 mutants: $(VENV)/.dev ## change the code in small ways and see whether tests notice (hours; goes on where it stopped); docs/mutants.md
 	$(BIN)/python tests/mutants.py --report docs/mutants.md $(MUTANTS_ARGS)
+
+hostile: $(VENV)/.dev ## attack files, states and robots at random, and kill commands; HOSTILE_ARGS="--minutes 60 configs policies"
+	$(BIN)/python tests/hostile/campaign.py $(HOSTILE_ARGS)
 
 bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
 	$(BIN)/sffr bench --out runs/bench --overwrite
