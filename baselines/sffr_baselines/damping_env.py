@@ -191,8 +191,8 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over; None or -1 for no
             limit beside that.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, law, rho, agent_period, duration, random_phase, base_tolerance, dtype,
-            render_every: as for the single one.
+        scenario, params, overrides, render_mode, render_every: as for the single one.
+        law, rho, agent_period, duration, random_phase, base_tolerance, dtype: likewise.
     """
 
     OF_ALL: ClassVar[tuple[str, ...]] = (*SFFRFlexVectorEnv.OF_ALL, *_LAW)

@@ -103,7 +103,7 @@ class Git(Section):
 class Manifest(Section):
     """What all manifests say; each command adds what it takes to repeat its run."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="ignore")
 
     command: str = Field(description="as typed")
     started: str = Field(description="when")
