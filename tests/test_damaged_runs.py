@@ -66,7 +66,7 @@ def refused(folder, read):
         read(folder)
     except ConfigError as error:
         lines = str(error).split("\n")
-        assert all(str(folder) in line and len(line) < 500 for line in lines), lines
+        assert all(str(folder) in line and len(line) < 600 + len(str(folder)) for line in lines), lines
         return True
     return False
 
