@@ -71,8 +71,8 @@ class Observer:
 
     def __init__(self, params, phase=0.0):
         self.params = params
-        wide = [f"limits.{name}=1000" for name in ("position", "velocity", "angle", "rate")]  # nothing is cut off
-        self.robot = make_task_model(params.with_overrides(*wide))
+        robot = make_task_model(params)
+        self.robot = robot._replace(bound=np.full_like(robot.bound, 1000.0))  # nothing is cut off
         self.fleet, self.model = make_fleet(self.robot), self.robot.model
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)

@@ -132,7 +132,8 @@ def test_no_force_at_the_quasi_static_motion():
 @pytest.mark.parametrize("yaw", [0.0, 0.4])
 def test_no_force_at_the_quasi_static_motion_of_a_tangent_path(yaw):
     """Robot and path turn together: a root's acceleration is constant in the robot's axes, with its own part."""
-    env = SFFRFlexEnv(overrides=["path.heading=tangent", f"initial.q.2={yaw}"])
+    straight = "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0]"
+    env = SFFRFlexEnv(overrides=["path.heading=tangent", f"initial.q.2={yaw}", straight])
     obs, fields, params = env.reset(seed=0)[0], env.fields, env.params
     turn, speed = params.path.speed / params.path.radius, params.path.speed
     obs[fields["reference_velocity"].slice], obs[fields["reference_turn"].slice] = [speed, 0.0], turn
