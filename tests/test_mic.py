@@ -39,9 +39,10 @@ def grasping_params(overrides, arms):
 
 
 LIGHT = ["panel.mass=1.0e-6", "panel.axial_cut=1.0e+8", "panel.bending_cut=1.0e+8", "initial.qfd=[0, 0, 0]"]
+STRAIGHT = "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0]"
 ROBOTS = {
     "paper": lambda: load_params(),
-    "yawed, tangent": lambda: make_params("tangent"),
+    "yawed, tangent": lambda: make_params("tangent").with_overrides(STRAIGHT),
     "third link": lambda: grasping_params(LONG_ARM, arms=2),
     "three arms": lambda: grasping_params([*THREE_ARMS, "path.heading=tangent"], arms=3),
     "no object": lambda: make_params("free"),

@@ -52,7 +52,7 @@ def test_a_new_scenario_replaces_what_was_drawn():
 
 def test_bad_arguments_raise(user_scenario):
     """Wrong sizes, masks, seeds, modes, actions and options are refused with what is allowed."""
-    with pytest.raises(ValueError, match="num_envs must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="num_envs must be at least 1 and at most 100000, got 0"):
         SFFRFlexVectorEnv(0)
     with pytest.raises(ValueError, match="render_mode"):
         SFFRFlexVectorEnv(1, render_mode="human")
