@@ -51,6 +51,7 @@ def test_arrays_come_back_as_they_were_saved(tmp_path: Path) -> None:
         pytest.param(array_bytes("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", b"\x80"), id="object"),
         pytest.param(array_bytes("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (0,), }"), id="fields"),
         pytest.param(array_bytes("{" * 500), id="nested"),
+        pytest.param(array_bytes("x" * 9000), id="long"),
         pytest.param(array_bytes("{'descr': "), id="cut"),
         pytest.param(array_bytes("__import__('os')"), id="code"),
         pytest.param(b"\x93NUMPY\x07\x00", id="version"),
@@ -59,8 +60,9 @@ def test_arrays_come_back_as_they_were_saved(tmp_path: Path) -> None:
 )
 def test_a_damaged_array_is_an_error_with_the_name_of_the_file(tmp_path: Path, content: bytes) -> None:
     """Nothing of it is allocated that its header announces, and nothing is run."""
-    with pytest.raises(ConfigError, match=r"bad\.npz: is no \.npz file of plain arrays, or is damaged"):
+    with pytest.raises(ConfigError, match=r"bad\.npz: is no \.npz file of plain arrays, or is damaged") as caught:
         read_arrays(archive(tmp_path / "bad.npz", content))
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 1000
 
 
 def test_what_an_archive_announces_is_compared_before_it_is_expanded(tmp_path: Path) -> None:
@@ -242,3 +244,39 @@ def test_random_bytes_are_an_error(tmp_path: Path, reader: Callable[[Path], obje
         file.write_bytes(rng.bytes(int(rng.integers(0, 300))))
         with pytest.raises(ConfigError, match=rf"{k}\.bin"):
             reader(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param("base: \x00", id="character"),
+        pytest.param('"a\\nb": 1', id="key"),
+        pytest.param('"a\\e[2J": 1', id="control"),
+        pytest.param('"a\\nb": 1\n"a\\nb": 2', id="twice"),
+        pytest.param("base: {mass: " + '"' + "x" * 50_000 + '"}', id="long"),
+        pytest.param("? " + "x" * 900 + "\n: 1", id="long key"),
+        pytest.param("base: !<tag:\u202e> 1", id="tag"),
+    ],
+)
+def test_what_a_message_shows_of_a_file_neither_breaks_the_line_nor_steers_the_terminal(
+    tmp_path: Path, text: str
+) -> None:
+    """Keys and values are those of strangers."""
+    (tmp_path / "odd.yaml").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_params(tmp_path / "odd.yaml")
+    for line in str(caught.value).splitlines():
+        assert line.startswith(str(tmp_path / "odd.yaml"))
+        assert line.isprintable() and len(line) < 1000
+
+
+@pytest.mark.parametrize(
+    "assignment",
+    ["panel.EI=\n- 1", "a\nb=1", "base.mass=" + "[" * 5000, "arms.\x1b.mass=1", "base.mass.a\nb=1", "a" * 9999],
+)
+def test_an_override_is_shown_in_a_line(assignment: str) -> None:
+    """However long, and whatever is in it."""
+    with pytest.raises(ConfigError) as caught:
+        load_params().with_overrides(assignment)
+    for line in str(caught.value).splitlines():
+        assert line.startswith("override '") and line.isprintable() and len(line) < 1000

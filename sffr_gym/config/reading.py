@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from sffr_gym.config.errors import ConfigError
+from sffr_gym.config.errors import ConfigError, one_line
 
 MOST_JSON = 32_000_000  # bytes; a search's plan or a run's manifest has some 10 kB
 MOST_DEPTH = 50  # of lists and mappings in each other; a manifest has 6
@@ -92,7 +92,7 @@ def parse_json(text: str, where: str) -> Any:
     except RecursionError:
         raise ConfigError(f"{where}: is nested too deeply") from None
     except ValueError as error:
-        raise ConfigError(f"{where}: is no valid JSON: {error}") from None
+        raise ConfigError(f"{where}: is no valid JSON: {one_line(str(error))}") from None
 
 
 def read_csv(file: Path, columns: Iterable[str]) -> list[dict[str, str]]:
@@ -143,7 +143,7 @@ def read_arrays(file: Path, most: int = MOST_ARRAYS) -> dict[str, np.ndarray]:
             members = archive.infolist()
             arrays = {member.filename.removesuffix(".npy"): _read_array(archive, member) for member in members}
     except Exception as error:  # zipfile, zlib and the parsers of headers have no common error for damaged bytes
-        raise ConfigError(f"{file}: is no .npz file of plain arrays, or is damaged: {error}") from None
+        raise ConfigError(f"{file}: is no .npz file of plain arrays, or is damaged: {one_line(str(error))}") from None
     if len(arrays) < len(members):
         raise ConfigError(f"{file}: has two arrays of the same name")
     return arrays

@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from sffr_gym.config.errors import ConfigError as ConfigError
+from sffr_gym.config.errors import one_line
 from sffr_gym.config.reading import read_text
 from sffr_gym.config.suggestion import did_you_mean
 
@@ -74,7 +75,7 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 if (key.tag, key.value) in seen:
-                    raise yaml.MarkedYAMLError(problem=f"key '{key.value}' is given twice", problem_mark=key.start_mark)
+                    raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is given twice", problem_mark=key.start_mark)
                 seen.add((key.tag, key.value))
         return node
 
@@ -123,8 +124,8 @@ def find_config(name: str | os.PathLike[str], folder: str = "") -> Path:
         return shipped[text.removesuffix(".yaml")]
     hint = did_you_mean(path.stem, shipped)
     if not is_path and path.parts and _is_there(path):
-        hint = f"; for the file of that name write ./{text}"
-    raise ConfigError(f"{name}: no such file{hint} (shipped: {', '.join(sorted(shipped))})")
+        hint = f"; for the file of that name write ./{one_line(text)}"
+    raise ConfigError(f"{one_line(text)}: no such file{hint} (shipped: {', '.join(sorted(shipped))})")
 
 
 def _is_there(path: Path) -> bool:
@@ -173,7 +174,7 @@ def apply_overrides(data: dict[str, Any], assignments: Sequence[str]) -> tuple[d
     """
     keys: dict[str, Key] = {}
     for assignment in assignments:
-        source = f"override '{assignment}'"
+        source = f"override '{one_line(assignment)}'"
         dotted, equals, text = assignment.partition("=")
         names = dotted.strip().split(".")
         if not equals or not all(names):
@@ -264,14 +265,16 @@ def _assign(data: Any, names: Sequence[str], value: Any, source: str, done: Key 
     """Return the key that ``names`` spell in ``data``, and a copy of ``data`` with the value merged in there."""
     if not names:
         return done, merge(data, value)
-    name, here = names[0], ".".join(map(str, done))
+    name, here = names[0], one_line(".".join(map(str, done)))
     if isinstance(data, list):
         if not (name.isdecimal() and int(name) < len(data)):
-            raise ConfigError(f"{source}: {here}.{name}: no such entry; '{here}' has {len(data)}, counted from 0")
+            raise ConfigError(
+                f"{source}: {here}.{one_line(name)}: no such entry; '{here}' has {len(data)}, counted from 0"
+            )
         key, child = _assign(data[int(name)], names[1:], value, source, (*done, int(name)))
         return key, [*data[: int(name)], child, *data[int(name) + 1 :]]
     if not isinstance(data, dict):
-        raise ConfigError(f"{source}: {here}.{name}: there are no keys in '{here}', which is {_show(data)}")
+        raise ConfigError(f"{source}: {here}.{one_line(name)}: there are no keys in '{here}', which is {_show(data)}")
     # An unknown key is put in all the same: the validation reports it with its nearest valid name.
     key, child = _assign(data.get(name, None if len(names) == 1 else {}), names[1:], value, source, (*done, name))
     return key, data | {name: child}
@@ -279,7 +282,7 @@ def _assign(data: Any, names: Sequence[str], value: Any, source: str, done: Key 
 
 def _explain(model: type[BaseModel], key: Key, error: Any, where: Where) -> str:
     """Return the line for one error that pydantic found: place, key, value, what is allowed."""
-    kind, dotted = error["type"], ".".join(map(str, key))
+    kind, dotted = error["type"], one_line(".".join(map(str, key)))
     section, field = _resolve(model, key)
     about = f" ({field.description})" if field and field.description else ""
     if kind == "extra_forbidden":
@@ -330,7 +333,9 @@ def _dotted_names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 def _unreadable(error: Exception) -> str:
     if isinstance(error, RecursionError):
         return "cannot be read: something in it refers to itself"
-    return f"cannot be read as YAML: {getattr(error, 'problem', None) or error}"
+    if isinstance(error, yaml.reader.ReaderError):
+        return f"cannot be read as YAML: character {error.position + 1} is {error.character:#04x}"
+    return f"cannot be read as YAML: {one_line(str(getattr(error, 'problem', None) or error))}"
 
 
 def _show(value: Any) -> str:
