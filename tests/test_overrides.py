@@ -41,6 +41,7 @@ def test_object_can_be_left_out_and_put_back(params):
         ("panel={EI: 1, EI: 2}", "key 'EI' is given twice"),
         ("suppression.B0=&a [*a]", "refers to itself"),
         ("arms.4.name=a", "arms.4: no such entry; 'arms' has 4, counted from 0"),
+        ("arms.\u0661.name=a", "no such entry"),  # a digit of another script
         ("arms.-1.name=a", "arms.-1: no such entry"),
         ("panel.EI.x=3", "panel.EI.x: there are no keys in 'panel.EI', which is 20.0"),
         ("pannel.EI=3", "pannel: unknown key; did you mean 'panel'?"),
@@ -75,3 +76,9 @@ def test_blame_falls_on_the_right_override(params):
     assert rejection(params, "path.speed=2", "control.Kd=1100").startswith(
         "override 'path.speed=2', override 'control.Kd=1100': control.period = 0.002"
     )
+
+
+def test_an_invalid_entry_is_told_once(params):
+    """And not that a list of one invalid entry has none."""
+    message = rejection(params, "object={grasps: [3]}")
+    assert "object.grasps.0 = 3: must be a mapping of keys to values" in message and len(message.splitlines()) == 1

@@ -83,7 +83,7 @@ def test_nonnegative_quantities(params, key):
         ("initial.qfd=a", r"must be a list \("),
         ("initial.qd=a", r"must be a list \("),
         ('arms.3.name="a\\nb"', r"must consist of characters that can be printed"),
-        (f"arms.3.name={'a' * 65}", r"String should have at most 64 characters"),
+        (f"arms.3.name={'a' * 65}", r"must have at most 64 characters"),
         ("path.speed=20.1", r"must be at most limits\.velocity = 20 \[m/s\]"),
         ("path.radius=0.03", r"must be at least speed\^2 / limits\.velocity = 0\.0361 \[m\]"),
         ("simulation.baumgarte=1001", r"must be at most 1e\+03 \[1/s\] with steps of 0\.002 s"),

@@ -256,6 +256,8 @@ def test_random_bytes_are_an_error(tmp_path: Path, reader: Callable[[Path], obje
         pytest.param("base: {mass: " + '"' + "x" * 50_000 + '"}', id="long"),
         pytest.param("? " + "x" * 900 + "\n: 1", id="long key"),
         pytest.param("base: !<tag:\u202e> 1", id="tag"),
+        pytest.param('base: {mass: "\\ud800"}', id="half a surrogate pair"),
+        pytest.param('"\\udfff": 1', id="key of half a surrogate pair"),
     ],
 )
 def test_what_a_message_shows_of_a_file_neither_breaks_the_line_nor_steers_the_terminal(
@@ -272,7 +274,15 @@ def test_what_a_message_shows_of_a_file_neither_breaks_the_line_nor_steers_the_t
 
 @pytest.mark.parametrize(
     "assignment",
-    ["panel.EI=\n- 1", "a\nb=1", "base.mass=" + "[" * 5000, "arms.\x1b.mass=1", "base.mass.a\nb=1", "a" * 9999],
+    [
+        "panel.EI=\n- 1",
+        "a\nb=1",
+        "base.mass=" + "[" * 5000,
+        "arms.\x1b.mass=1",
+        "base.mass.a\nb=1",
+        "a" * 9999,
+        "arms." + "9" * 9999 + ".mass=1",
+    ],
 )
 def test_an_override_is_shown_in_a_line(assignment: str) -> None:
     """However long, and whatever is in it."""

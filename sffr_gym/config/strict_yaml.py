@@ -4,12 +4,10 @@ Knows nothing of the robot: ``sections.py`` and ``params.py`` have its models, o
 """
 
 import os
-import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
@@ -18,24 +16,20 @@ from sffr_gym.config.errors import ConfigError as ConfigError
 from sffr_gym.config.errors import one_line
 from sffr_gym.config.reading import read_text
 from sffr_gym.config.suggestion import did_you_mean
+from sffr_gym.config.yaml_text import MOST_YAML, UNREADABLE, Key, explain_unreadable, parse_yaml
 
-Key = tuple[Any, ...]  # path from the root: names of keys, positions in lists
 Where = Callable[[Key], str]  # the source of the value at a key: a file and its line, or an override
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 SHIPPED = "sffr.yaml"
 TAG = "form: "  # start of the tags of pydantic unions, which are no part of a key
 CHECK = "check"  # type of the errors that the models' own checks find; their message is complete
-MOST_YAML = 100_000  # bytes; the shipped case study has 6,000, and PyYAML reads 100,000 in about a second
-MOST_VALUES = 20_000  # in a text, once all its references (*name) are written out
-MOST_DEPTH = 50  # of lists and mappings in each other; the shipped case study has 5
-# Beside its own errors, PyYAML lets through what Python raises on values such as "!!bool maybe" or "!!int ''".
-_UNREADABLE = (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError, OverflowError, RecursionError)
 _REASONS = {
     "float_type": "must be a number",
     "int_type": "must be a whole number",
     "string_type": "must be a text",
     "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} characters",
     "tuple_type": "must be a list",
     "model_type": "must be a mapping of keys to values",
     "model_attributes_type": "must be a mapping of keys to values",
@@ -48,50 +42,6 @@ _REASONS = {
     "too_short": "must have at least {min_length} entry",
     "too_long": "must have {max_length} entries, has {actual_length}",
 }
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe loader that reads numbers and words as YAML 1.2 does, rejects a key given twice and what is nested deeply.
-
-    PyYAML follows YAML 1.1, in which ``3e-4`` is a text, ``010`` is eight, ``1:30`` is ninety and ``off`` is false.
-    """
-
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> yaml.Node | None:
-        """Compose a node and raise if it lies too deep."""
-        self.depth += 1
-        if self.depth > MOST_DEPTH:
-            raise yaml.YAMLError("it is nested too deeply")
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """Compose a mapping and raise if two of its keys are the same."""
-        node = super().compose_mapping_node(anchor)
-        seen = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if (key.tag, key.value) in seen:
-                    raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is given twice", problem_mark=key.start_mark)
-                seen.add((key.tag, key.value))
-        return node
-
-
-for _tag, _pattern, _first in (
-    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("merge", r"<<", "<"),
-    ("int", r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
-    (
-        "float",
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+.0123456789",
-    ),
-):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), list(_first))
 
 
 def config_dir() -> Path:
@@ -145,10 +95,10 @@ def read_mapping(file: Path) -> tuple[dict[str, Any], Where]:
     """
     text = read_text(file, MOST_YAML)
     try:
-        value, lines = _parse(text)
-    except _UNREADABLE as error:
+        value, lines = parse_yaml(text)
+    except UNREADABLE as error:
         mark = getattr(error, "problem_mark", None)
-        raise ConfigError(f"{file}{f':{mark.line + 1}' if mark else ''}: {_unreadable(error)}") from None
+        raise ConfigError(f"{file}{f':{mark.line + 1}' if mark else ''}: {explain_unreadable(error)}") from None
     if not isinstance(value, dict):
         raise ConfigError(f"{file}: must hold a mapping of keys to values, has {_show(value)}")
 
@@ -180,9 +130,9 @@ def apply_overrides(data: dict[str, Any], assignments: Sequence[str]) -> tuple[d
         if not equals or not all(names):
             raise ConfigError(f"{source}: must be key=value, such as panel.EI=25")
         try:
-            value, _ = _parse(text)
-        except _UNREADABLE as error:
-            raise ConfigError(f"{source}: {_unreadable(error)}") from None
+            value, _ = parse_yaml(text)
+        except UNREADABLE as error:
+            raise ConfigError(f"{source}: {explain_unreadable(error)}") from None
         keys[source], data = _assign(data, names, value, source)
 
     def where(key: Key) -> str:
@@ -201,9 +151,12 @@ def build(model: type[ModelT], data: dict[str, Any], where: Where) -> ModelT:
     try:
         return model.model_validate(data)
     except ValidationError as invalid:
-        messages = {}
-        for error in invalid.errors(include_url=False):
-            key = tuple(part for part in error["loc"] if not str(part).startswith(TAG))
+        messages, errors = {}, invalid.errors(include_url=False)
+        keys = [tuple(part for part in error["loc"] if not str(part).startswith(TAG)) for error in errors]
+        for key, error in zip(keys, errors, strict=True):
+            # pydantic does not count an invalid entry, which has a message of its own
+            if error["type"] == "too_short" and any(own[:-1][: len(key)] == key for own in keys if own):
+                continue
             short = error["type"] == "missing" and isinstance(key[-1], int)  # the last one tells the length
             messages[(key[:-1], "length") if short else (key, error["type"])] = _explain(model, key, error, where)
         raise ConfigError("\n".join(messages.values())) from None
@@ -223,51 +176,13 @@ def check_error(reason: str) -> PydanticCustomError:
     return PydanticCustomError(CHECK, "{reason}", {"reason": reason})
 
 
-def _parse(text: str) -> tuple[Any, dict[Key, int]]:
-    """Return the value of a YAML text and the line of each key."""
-    loader = _Loader(text)
-    try:
-        node = loader.get_single_node()
-        _check_expansion(node)
-        lines = dict(_lines(node, ()))  # before the construction, which moves merged keys about
-        return (None if node is None else loader.construct_document(node)), lines
-    finally:
-        loader.dispose()
-
-
-def _check_expansion(node: yaml.Node | None) -> None:
-    """Raise if a few references in a text stand for more values than anybody would write out."""
-    counts: dict[int, int] = {}
-
-    def count(node: yaml.Node) -> int:
-        if id(node) not in counts:
-            children: list[Any] = node.value if isinstance(node, yaml.CollectionNode) else []
-            parts = [part for child in children for part in (child if isinstance(child, tuple) else (child,))]
-            counts[id(node)] = 1 + sum(map(count, parts))
-        return counts[id(node)]
-
-    if node is not None and (values := count(node)) > MOST_VALUES:
-        raise yaml.YAMLError(f"holds {values:.3g} values once its references are written out, at most {MOST_VALUES}")
-
-
-def _lines(node: yaml.Node | None, key: Key) -> Iterator[tuple[Key, int]]:
-    children: list[tuple[Any, yaml.Node, yaml.Node]] = []
-    if isinstance(node, yaml.MappingNode):
-        children = [(name.value, name, value) for name, value in node.value if isinstance(name, yaml.ScalarNode)]
-    elif isinstance(node, yaml.SequenceNode):
-        children = [(index, value, value) for index, value in enumerate(node.value)]
-    for part, mark, value in children:
-        yield (*key, part), mark.start_mark.line + 1
-        yield from _lines(value, (*key, part))
-
-
 def _assign(data: Any, names: Sequence[str], value: Any, source: str, done: Key = ()) -> tuple[Key, Any]:
     """Return the key that ``names`` spell in ``data``, and a copy of ``data`` with the value merged in there."""
     if not names:
         return done, merge(data, value)
     name, here = names[0], one_line(".".join(map(str, done)))
     if isinstance(data, list):
-        if not (name.isdecimal() and int(name) < len(data)):
+        if not (name.isascii() and name.isdecimal() and len(name) < 10 and int(name) < len(data)):
             raise ConfigError(
                 f"{source}: {here}.{one_line(name)}: no such entry; '{here}' has {len(data)}, counted from 0"
             )
@@ -328,14 +243,6 @@ def _dotted_names(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
         inner = _submodel(field.annotation)
         if inner:
             yield from _dotted_names(inner, f"{prefix}{name}.")
-
-
-def _unreadable(error: Exception) -> str:
-    if isinstance(error, RecursionError):
-        return "cannot be read: something in it refers to itself"
-    if isinstance(error, yaml.reader.ReaderError):
-        return f"cannot be read as YAML: character {error.position + 1} is {error.character:#04x}"
-    return f"cannot be read as YAML: {one_line(str(getattr(error, 'problem', None) or error))}"
 
 
 def _show(value: Any) -> str:

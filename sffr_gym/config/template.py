@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from sffr_gym.config.errors import one_line
+
 
 def conform(value: Any, template: Any, where: str) -> Any:
     """Return ``value`` if it has the form of ``template``.
@@ -77,6 +79,6 @@ def _mapping_differences(value: Any, template: Mapping[Any, Any], where: str) ->
     if missing := [key for key in template if key not in value]:
         yield f"{where}: has no {missing[0]!r}"
     elif unknown := [key for key in value if key not in template]:
-        yield f"{where}: has {unknown[0]!r}, which is unknown"
+        yield f"{where}: has '{one_line(str(unknown[0]))}', which is unknown"
     for key in template:
         yield from _differences(value[key], template[key], f"{where}.{key}")

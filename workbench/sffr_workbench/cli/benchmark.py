@@ -61,7 +61,9 @@ def benchmark_command(
     seed: FirstSeed = EVALUATION_SEED,
     jobs: Annotated[
         int | None,
-        option("--jobs -j", "Worker processes; no result depends on it.", "N", "all cores", parser=whole(1, MOST_JOBS)),
+        option(
+            "--jobs -j", "Processes; no result depends on it.", "N", "all that may be used", parser=whole(1, MOST_JOBS)
+        ),
     ] = None,
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
     docs: Annotated[

@@ -74,7 +74,12 @@ def evaluate_command(
         run.check_names(run_names((policy.name for policy in plan.policies), draw))
         with EvaluationProgress(notes) as progress:
             evaluation = run_evaluation(plan, progress)
-        written = write_run(run, evaluation, typed_command(), draw_episode_figures(evaluation.first) if draw else {})
+        try:
+            pictures = draw_episode_figures(evaluation.first) if draw else {}
+        except Exception:  # whatever is wrong with a figure, the episodes are kept
+            write_run(run, evaluation, typed_command())
+            raise
+        written = write_run(run, evaluation, typed_command(), pictures)
     results.print(summary_table(evaluation, results.width))
     for line in summary_remarks(evaluation):
         results.print(line, style="dim", markup=False)
