@@ -119,7 +119,7 @@ class Configs:
         self._overrides = [key for key, _ in leaves]
         for params in (case, case.with_overrides("simulation.coupling=staggered")):
             run_robot(params)
-        make_model(load_config("ppo", ["n_envs=2"]), 0)
+        make_model(load_config("ppo", ["n_envs=2", "learning.batch_size=32"]), 0)
 
     def trials(self) -> st.SearchStrategy[Trial]:
         """Draw a file or an override."""
