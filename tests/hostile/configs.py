@@ -146,10 +146,11 @@ class Configs:
     def attempt(self, trial: Trial, folder: Path) -> tuple[str, dict[str, int]]:
         """Load it, and run what it describes."""
         file = folder / "hostile.yaml"
-        made = [text.decode("utf-8", "surrogatepass") for text in trial.tree.values() if isinstance(text, bytes)]
         places = ["override"] if trial.target == "override" else [str(file)]
         try:
             if trial.target == "override":
+                texts = (text for text in trial.tree.values() if isinstance(text, bytes))
+                made = [text.decode("utf-8", "surrogatepass") for text in texts]
                 run: Any = (run_robot, load_params().with_overrides(*made))
             elif trial.target == "params":
                 run = (run_robot, load_params(file))
