@@ -6,9 +6,9 @@ FILES = {
         "from sffr_gym.compile.cache import cache_sources\n"
         "cache_sources(__name__, Path(__file__).parent.rglob('*.py'))\n"
     ),
-    "gain.py": "from sffr_gym.compile.jit import kernel\n\n@kernel\ndef gain(x):\n    return 2 * x\n",
+    "gain.py": "from sffr_gym.compile.kernels import kernel\n\n@kernel\ndef gain(x):\n    return 2 * x\n",
     "loop.py": (
-        "from sffr_gym.compile.jit import kernel\nfrom law.gain import gain\n\n"
+        "from sffr_gym.compile.kernels import kernel\nfrom law.gain import gain\n\n"
         "@kernel\ndef loop(x):\n    return gain(x) + 1\n"
     ),
 }

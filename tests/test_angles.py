@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sffr_gym.compile.angles import NEAR, anchor_shapes, cos_sin_near, wrap
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import new_workspace
 
 ANGLES = np.random.default_rng(0).uniform(-40.0, 40.0, 2000)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sffr_gym import Simulator
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.physics.kinematics import rotation

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import WIDTH, any_lane, columns, floor, gather, take, where
 from sffr_gym.compile.workspace import allocate, workspace
 from sffr_gym.types import Array
@@ -42,7 +42,6 @@ class Operands(NamedTuple):
     out: Array
 
 
-@inline
 def operand_shapes():
     return Operands((1,), (1,), (21,))
 

@@ -8,7 +8,7 @@ import pytest
 from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_baselines.policies import make_policy
 from sffr_baselines.rollout import rollout
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import ALIGNMENT, WIDTH, columns
 from sffr_gym.compile.workspace import Constant, Integers, Interleaved, allocate, new_workspace, structure, workspace
 from sffr_gym.config.params import load_params
@@ -30,7 +30,6 @@ class Outer(NamedTuple):
     last: Array
 
 
-@inline
 def outer_shapes(n):
     return Outer(first=(n,), inner=Inner(matrix=(2, n), vector=(n + 1,)), last=(1,))
 
@@ -80,7 +79,6 @@ def test_blocks_are_aligned_and_large_enough(lanes):
     assert all(block.ctypes.data % ALIGNMENT == 0 for block in blocks)
 
 
-@inline
 def interleaved_shapes(n):
     return Inner(matrix=(2, 2), vector=Interleaved(Outer(first=(n,), inner=Inner((n,), (n,)), last=(n,))))
 
@@ -113,7 +111,6 @@ class Row(NamedTuple):
     flag: tuple
 
 
-@inline
 def row_shapes():
     return Row(number=(), whole=Integers(()), vector=(2,), wholes=Integers((3,)), flag=Constant((True,)))
 

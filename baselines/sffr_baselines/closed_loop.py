@@ -14,9 +14,8 @@ from sffr_baselines.mic import MicWork, mic, mic_shapes
 from sffr_baselines.regulator import Regulator, regulate
 from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes, update_schedule
 from sffr_baselines.suppression import Suppression, suppress
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.linalg import assign
-from sffr_gym.compile.workspace import workspace
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.model import N_BASE, Model
@@ -80,21 +79,19 @@ class LoopWork(NamedTuple):
 
 
 class ActWork(NamedTuple):
-    """Memory of :func:`act`: of the law."""
+    """Memory of :func:`act`."""
 
     mic: MicWork
     schedule: ScheduleWork
 
 
-@inline
 def loop_shapes(plant, law):
     """Shapes of the :class:`LoopWork` of a plant under a :class:`Law`."""
     return LoopWork(period_shapes(plant), mic_shapes(law.prior), schedule_shapes(law), (len(law.scale),), (3,))
 
 
-@inline
 def act_shapes(law):
-    """Shapes of the memory of :func:`act`."""
+    """Shapes of the :class:`ActWork` of a :class:`Law`."""
     return ActWork(mic_shapes(law.prior), schedule_shapes(law))
 
 
@@ -109,7 +106,7 @@ def make_record(task: TaskModel, ticks: int, stride: int) -> Record:
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def control(law, obs, B_hat, factor, work, command):
     """Write the command (n_u,) of the law for an observation (n_o,) and adapt ``B_hat`` (n_p, 3) in place.
 
@@ -124,36 +121,34 @@ def control(law, obs, B_hat, factor, work, command):
     mic(law.prior, law.reference, law.held, law.Kp, law.Kd, law.at, obs, work, thrust, torque)
 
 
-@kernel
-def act(law, tick, obs, B_hat, factor, actions, block):
-    """Write the actions (n, n_u) for observations (n, n_o) after ``tick`` control periods.
+@entry
+def act(law, tick, obs, B_hat, factor, actions, work):
+    """Write the actions (n, n_u) for observations (n, n_o) after ``tick`` (1,) control periods.
 
     B_hat, factor: (n, n_p, 3) virtual damping and what a schedule makes of it, both changed in place.
-    block: memory; see :func:`act_shapes`.
+    work: :class:`ActWork`.
     """
-    work = workspace(block, act_shapes(law))
     for i in range(len(obs)):
-        if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
+        if law.schedule.hold > 0 and tick[0] % law.schedule.hold == 0:
             update_schedule(law, obs[i], work.schedule, factor[i])
         control(law, obs[i], B_hat[i], factor[i], work.mic, actions[i])
         for k in range(len(law.scale)):
             actions[i, k] /= law.scale[k]
 
 
-@kernel(nogil=True)
-def run(plant, reference, sensing, impulses, law, block, first, last, p, v, obs, B_hat, factor, record):
+@entry
+def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, B_hat, factor, record, outcome):
     """Run law and plant from period ``first`` up to ``last``, in place.
 
     plant: a :class:`task_model.TaskModel`; reference, sensing, impulses: those of the episode.
-    law: what the controller does and believes; block: memory, see :func:`loop_shapes`.
+    law: what the controller does and believes; work: :class:`LoopWork`.
     p, v: (n,) positions and velocities; obs: (n_o,) their observation.
     B_hat, factor: (n_p, 3) virtual damping and what a schedule makes of it.
     record: written; its rows count from period 0.
-
-    Returns the number of periods that ran and the status of the last one.
+    outcome: (2,) the period that was reached, and the status of the last one that ran, written.
     """
-    work = workspace(block, loop_shapes(plant, law))
     period, command = work.period, work.command
+    outcome[0], outcome[1] = last, RUNNING
     for tick in range(first, last):
         keep = tick % record.stride == 0
         row = tick // record.stride
@@ -167,19 +162,19 @@ def run(plant, reference, sensing, impulses, law, block, first, last, p, v, obs,
         command_of(command, plant.scale, command)
         impulse_wrench(impulses, tick, plant.period, work.wrench)
         t_end, signals = (tick + 1) * plant.period, record.signals[tick]
-        outcome = control_period(plant, reference, t_end, p, v, command, work.wrench, period, obs, signals)
+        status = control_period(plant, reference, t_end, p, v, command, work.wrench, period, obs, signals)
         for i in range(len(plant.model.panel_root)):
             record.tips[tick, i] = tip_deflection(plant.actuators, plant.model, i, p)
-        if outcome != NOT_FINITE:  # else the last observation stays
+        if status != NOT_FINITE:  # else the last observation stays
             sense(plant, reference, sensing, tick + 1, period.before.p, period.before.v, period.step.dynamics, obs)
         if keep:
             _keep_forces(record, row, period)
-        if outcome != RUNNING:
-            return tick + 1, outcome
-    return last, RUNNING
+        if status != RUNNING:
+            outcome[0], outcome[1] = tick + 1, status
+            return
 
 
-@kernel(inline=True)
+@kernel
 def _keep_state(record, row, p, v, obs, B_hat, factor):
     """Write the state at a period's start, and the virtual damping as it acts, into a row of the record."""
     assign(record.p[row], p)
@@ -190,7 +185,7 @@ def _keep_state(record, row, p, v, obs, B_hat, factor):
             record.B_hat[row, i, k] = factor[i, k] * B_hat[i, k]
 
 
-@kernel(inline=True)
+@kernel
 def _keep_forces(record, row, period):
     """Write what acted during a period into a row of the record."""
     forces = period.step.forces

@@ -12,15 +12,17 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import DTypeLike
 
 from sffr_baselines.closed_loop import Law
-from sffr_baselines.damping_loop import Damping, damping_memory, make_damping, start_damping, step_damping
+from sffr_baselines.damping_loop import Damping, DampingStepper, make_damping, start_damping
 from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
+from sffr_gym.compile.arguments import Structures
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
 from sffr_gym.envs.base import RobotEnvironment
+from sffr_gym.envs.fleet import plants_of
 from sffr_gym.envs.infos import Infos, Mask
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
-from sffr_gym.envs.single import ONE, SFFRFlexEnv
+from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.state import MOST_TICKS, check_finite, check_range
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.episode import Episode
@@ -39,6 +41,7 @@ class DampingEnvironment(RobotEnvironment):
     SETTLED = {**RobotEnvironment.SETTLED, **_LAW, "damping": "an action changes it"}
     _SAME = ("params", "law")
 
+    _stepper: DampingStepper
     law: Law  #: the law inside
     law_name: str  #: ``hsc`` or ``ahsc``
     _damping: Damping
@@ -153,7 +156,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         self.law_name, self.obs_names = law, observation_names(self.params)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
-        self._damping, self._memory = make_damping(self.law, 1), damping_memory(self.prior_task, self.law, 1)
+        self._damping = make_damping(self.law, 1)
 
     @property
     def damping(self) -> Array:
@@ -162,10 +165,11 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
 
     def _start(self, episode: Episode) -> None:
         super()._start(episode)
-        start_damping(self.law, self._batch, self._damping, 0, episode.ticks)
+        start_damping(self.law, self._damping, 0, episode.ticks)
+        self._stepper.see(0)
 
-    def _advance(self, actions: Array) -> None:
-        step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, ONE)
+    def _make_stepper(self) -> DampingStepper:
+        return DampingStepper(Structures([self._plant_task]), self._batch, self.law, self._damping)
 
     def _observed(self) -> np.ndarray:
         return self._damping.features[0].astype(self.observation_space.dtype)
@@ -234,7 +238,6 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         actions = step_limit(max_episode_steps)
         self._max_steps = None if actions is None else actions * self.law.schedule.hold
         self._damping = make_damping(self.law, num_envs)
-        self._memory = damping_memory(self.prior_task, self.law, num_envs)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
 
     @property
@@ -244,10 +247,14 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
 
     def _start(self, i: int, episode: Episode) -> None:
         super()._start(i, episode)
-        start_damping(self.law, self._batch, self._damping, i, episode.ticks)
+        start_damping(self.law, self._damping, i, episode.ticks)
+        self._stepper.see(i)
+
+    def _make_stepper(self) -> DampingStepper:
+        return DampingStepper(plants_of(self._fleet), self._batch, self.law, self._damping)
 
     def _advance(self, actions: Array, active: Mask) -> None:
-        step_damping(self._fleet, self._batch, self._memory, self.law, self._damping, actions, active)
+        super()._advance(actions, active)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()
 
     def _observed(self) -> np.ndarray:

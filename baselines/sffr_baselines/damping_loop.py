@@ -9,30 +9,26 @@ import numpy as np
 from sffr_baselines.closed_loop import Law, control
 from sffr_baselines.mic import MicWork, mic_shapes
 from sffr_baselines.schedule import N_FEATURES, apply_decision, write_features
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import columns, gather, take, where
-from sffr_gym.compile.workspace import workspace
 from sffr_gym.envs.batch import (
     Batch,
     Group,
-    Memory,
+    Stepper,
     advance_group,
     begin,
     clipped,
     group_shapes,
     load,
-    make_memory,
-    run_in_threads,
     sense_lane,
     store,
 )
-from sffr_gym.envs.fleet import Fleet, plant_at, roomiest
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.physics.beam import N_TIP
-from sffr_gym.task.control_period import PeriodWork, period_shapes
+from sffr_gym.task.control_period import PeriodWork
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.status import RUNNING
-from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
 SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many control periods
@@ -69,17 +65,11 @@ class DecisionWork(NamedTuple):
     mic: MicWork
 
 
-@inline
 def decision_shapes(task, law):
-    """Shapes of the :class:`DecisionWork` of a :class:`task_model.TaskModel` under a :class:`closed_loop.Law`."""
+    """Shapes of the :class:`DecisionWork` of a robot under a law."""
     group, n_p = group_shapes(task), len(law.allocation)
     decision = Decision((n_p, N_TIP), (n_p, N_TIP), (1,), (1,), (1,), (len(REWARDS),), (n_p,))
     return DecisionWork(group.period, group.group, decision, mic_shapes(law.prior))
-
-
-def damping_memory(task: TaskModel, law: Law, n: int) -> Memory:
-    """Allocate the memory of :func:`step_damping` for ``n`` environments; see :func:`batch.batch_memory`."""
-    return make_memory(decision_shapes(roomiest(task), law), n)
 
 
 def make_damping(law: Law, n: int) -> Damping:
@@ -91,58 +81,55 @@ def make_damping(law: Law, n: int) -> Damping:
     )  # fmt: skip
 
 
-def start_damping(law: Law, batch: Batch, damping: Damping, i: int, end: int) -> None:
-    """Put the law of environment ``i`` at its start, after ``start_episode``."""
+def start_damping(law: Law, damping: Damping, i: int, end: int) -> None:
+    """Put the law of environment ``i`` at the start of an episode that is over at control period ``end``."""
     damping.B_hat[i], damping.factor[i] = law.suppression.B0 * law.suppression.damped, 1.0
     damping.reward[i], damping.end[i] = 0.0, end
-    see_one(law, batch.obs[i], damping.features[i])
 
 
-@kernel
-def see_one(law, obs, features):
-    """Write what a schedule sees in an observation; see :func:`schedule.write_features`."""
-    write_features(law, obs, features)
+class DampingStepper(Stepper):
+    """Advances a batch under a law, by one decision at a time.
 
-
-def step_damping(
-    fleet: Fleet, batch: Batch, memory: Memory, law: Law, damping: Damping, actions: Array, active: np.ndarray
-) -> None:
-    """Hold one decision in each active environment for ``law.schedule.hold`` control periods, or to its end.
-
+    A step holds one decision in each active environment for ``law.schedule.hold`` control periods, or to its end.
     Reward, its terms and cost are sums over these periods; signals, commands and status are those of the last one.
 
     Args:
-        fleet: the plants.
-        batch: the environments, advanced in place.
-        memory: of the kernels.
+        plants: see :class:`sffr_gym.envs.batch.Stepper`.
+        batch: likewise; actions (n, n_p n_d) are decisions.
         law: what runs inside.
         damping: its state, advanced in place.
-        actions: (n, n_p n_d) decisions; what lies beyond [-1, 1] is clipped and counted.
-        active: (n,) False leaves an environment as it is.
     """
-    arguments = (fleet, batch, law, damping, actions, active)
-    run_in_threads(damping_range, arguments, fleet, len(batch.tick), memory, SMALLEST_CHUNK)
+
+    def __init__(self, plants: Structures, batch: Batch, law: Law, damping: Damping) -> None:
+        n_a = len(law.allocation) * int(law.suppression.damped.sum())
+        shapes = decision_shapes(plants[0], law)
+        super().__init__(damping_range, plants, batch, n_a, shapes, (law, damping), SMALLEST_CHUNK)
+        self._see = see_row.bind(law, batch.obs, damping.features, self._row)
+
+    def see(self, i: int) -> None:
+        """Write what the next decision sees of environment ``i``, as it is observed."""
+        self._row[0] = i
+        self._see()
 
 
-@kernel(nogil=True)
-def damping_range(fleet, batch, law, damping, actions, active, block, plain, first, last):
+@entry
+def see_row(law, obs, features, row):
+    """Write what a schedule sees in an observation; see :func:`schedule.write_features`.
+
+    obs: (n, n_o); features: (n, n_p N_FEATURES), written; row: (1,) which one.
+    """
+    write_features(law, obs[row[0]], features[row[0]])
+
+
+@entry
+def damping_range(plants, batch, law, damping, actions, active, work, one, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one decision.
 
-    block: memory of a group; its kind decides how many environments are advanced at once.
-    plain: memory of a single environment; the same block if that is what a group is.
+    Arguments as in :func:`sffr_gym.envs.batch.step_range`; work: :class:`DecisionWork`.
     """
-    alike = last - first if len(fleet.numbers) == 1 else 1  # how many environments' plants have one structure
-    for i in range(first, last, max(alike, 1)):
-        damp_alike(fleet, batch, law, damping, actions, active, block, plain, i, i + alike)
-
-
-@kernel(inline=True)
-def damp_alike(fleet, batch, law, damping, actions, active, block, plain, first, last):
-    """Advance environments as :func:`damping_range` does, with the plant of the first."""
-    task = plant_at(fleet, first)
-    work, one = workspace(block, decision_shapes(task, law)), workspace(plain, period_shapes(task))
     group, decision, width = work.group, work.decision, columns(work.group.t).shape[1]
     for i in range(first, last, width):
+        task = plants[i if len(plants) > 1 else 0]
         load(batch, i, group)
         _begin_decision(law, batch, damping, actions, active, i, decision)
         for _ in range(law.schedule.hold):
@@ -168,7 +155,7 @@ def damp_alike(fleet, batch, law, damping, actions, active, block, plain, first,
                 _end_decision(law, batch, damping, i + k, group, work.period, decision, k)
 
 
-@kernel(inline=True)
+@kernel
 def _any_running(decision):
     """Whether the episode goes on in any lane."""
     running = columns(decision.running)
@@ -178,7 +165,7 @@ def _any_running(decision):
     return False
 
 
-@kernel(inline=True)
+@kernel
 def _begin_decision(law, batch, damping, actions, active, i, decision):
     """Take what the decisions of the environments from ``i`` on set, and nothing summed yet."""
     running = columns(decision.running)
@@ -198,7 +185,7 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
     decision.panels[:] = 0.0
 
 
-@kernel(inline=True)
+@kernel
 def _add(task, group, period, decision):
     """Add what a control period gave to the sums, where the episode still runs."""
     runs, weights = decision.running[0] > 0.0, task.weights
@@ -214,7 +201,7 @@ def _add(task, group, period, decision):
         decision.panels[k] -= where(runs, task.period * price, 0.0)
 
 
-@kernel(inline=True)
+@kernel
 def _end_decision(law, batch, damping, i, group, period, decision, lane):
     """Bring a lane back as environment ``i`` with the sums of its decision, and the features of the next one."""
     store(batch, i, group, period, lane)

@@ -9,7 +9,7 @@ from sffr_baselines.regulator import make_regulator
 from sffr_baselines.schedule import make_schedule
 from sffr_baselines.settings import load_regulator_weights, load_tuned_damping
 from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_suppression
-from sffr_gym.compile.workspace import allocate
+from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.initial import initial_positions
@@ -57,7 +57,7 @@ class LawPolicy:
 
     def _set_law(self, law: Law) -> None:
         """Take a law, and memory for it."""
-        self.law, self._block = law, allocate(act_shapes(law))[0]
+        self.law, self._work = law, new_workspace(act_shapes(law))
 
     def initial_damping(self) -> Array:
         """Return the virtual damping (n_p, 3) at the start of an episode [N s/m, N s/m, N m s/rad]."""
@@ -77,7 +77,7 @@ class LawPolicy:
         if len(self.B_hat) != len(rows):
             raise ValueError(f"observations of {len(self.B_hat)} environments expected, got {len(rows)}; call reset")
         actions = np.empty((len(rows), len(self.law.scale)))
-        act(self.law, self.tick, rows, self.B_hat, self.factor, actions, self._block)
+        act(self.law, np.array([self.tick]), rows, self.B_hat, self.factor, actions, self._work)
         self.tick += 1
         return actions.reshape(*np.shape(obs)[:-1], -1)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.types import Array
 
 
@@ -26,14 +26,13 @@ class MicWork(NamedTuple):
     grip_y: Array  #: (n_a,)
 
 
-@inline
 def mic_shapes(prior):
     """Shapes of the :class:`MicWork` for a robot."""
     n_l, n_a = len(prior.link_mass), len(prior.arm_angle)
     return MicWork((n_l,), (n_l,), (n_l,), (n_l,), (n_l,), (n_a,), (n_a,))
 
 
-@kernel(inline=True)
+@kernel
 def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
     """Write the base wrench (3,), base axes, and the joint torques (n_l,) of the law.
 
@@ -79,7 +78,7 @@ def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
     _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque)
 
 
-@kernel(inline=True)
+@kernel
 def _links(prior, obs, at, yaw_rate, work):
     """Link directions in base axes and absolute angular velocities, from observed joint angles and rates."""
     for arm in range(len(prior.arm_angle)):
@@ -90,7 +89,7 @@ def _links(prior, obs, at, yaw_rate, work):
             work.c[k], work.s[k], work.rate[k] = cos(angle), sin(angle), rate
 
 
-@kernel(inline=True)
+@kernel
 def _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work):
     """Gripper forces that move the object, ``G# M v`` (Eqs. 9-11), into ``work``, base axes."""
     e, ed, a, n_g = at.object_error, at.object_error_rate, at.reference_acceleration, len(prior.grasp_arm)
@@ -119,7 +118,7 @@ def _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work):
         work.grip_y[prior.grasp_arm[g]] = push_y + twist * gx
 
 
-@kernel(inline=True)
+@kernel
 def _reach(prior, arm, tx, ty, alpha, w, work):
     """Angular accelerations of a grasping arm's links that give its tip (tx, ty) relative to the base's origin.
 
@@ -151,7 +150,7 @@ def _reach(prior, arm, tx, ty, alpha, w, work):
         work.alpha[k] = second
 
 
-@kernel(inline=True)
+@kernel
 def _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque):
     """Forces for commanded accelerations, tip forces included: ``Q = H qdd + C + J' F_e`` (Eqs. 6, 7 and 13)."""
     fx, fy, moment = prior.base_mass * ax, prior.base_mass * ay, prior.base_inertia * alpha

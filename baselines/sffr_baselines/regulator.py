@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm, solve_discrete_are
 
 from sffr_baselines.suppression import COORDINATES, damped_coordinates
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
 from sffr_gym.physics.beam import N_TIP, Beam, one_element_beam
 from sffr_gym.physics.kinematics import rotation
@@ -108,7 +108,7 @@ def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, A
     return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
 
 
-@kernel(inline=True)
+@kernel
 def regulate(law, allocation, at, obs, volts):
     """Add the regulator's piezo voltages of all panels to ``volts`` (n_p n_c,).
 
@@ -128,7 +128,7 @@ def regulate(law, allocation, at, obs, volts):
                 volts[i * n_c + c] += allocation[i, c, k] * tau
 
 
-@kernel(inline=True)
+@kernel
 def root_acceleration(law, at, obs, i):
     """Acceleration of the root of panel ``i`` across it [m/s2] under the reference's motion, and its rate [m/s3].
 

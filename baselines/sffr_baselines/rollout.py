@@ -11,11 +11,11 @@ import numpy as np
 from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
 from sffr_baselines.laws import LawPolicy, OraclePolicy
 from sffr_baselines.policies import Policy
-from sffr_gym.compile.workspace import allocate, new_workspace
+from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
-from sffr_gym.task.control_period import observe_state, period_shapes
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.metrics import measure
 from sffr_gym.task.observation import Field
@@ -104,8 +104,7 @@ def true_observations(trajectory: Trajectory) -> Array:
     """What a policy would have seen at the recorded times (rows, n_o) without noise and delay."""
     plant = make_task_model(trajectory.episode.plant)
     work, signals, obs = new_workspace(period_shapes(plant)), np.zeros(N_SIGNALS), np.zeros_like(trajectory.obs)
-    for row, t in enumerate(trajectory.t):
-        observe_state(plant, trajectory.reference, t, trajectory.p[row], trajectory.v[row], work, obs[row], signals)
+    observe_states(plant, trajectory.reference, trajectory.t, trajectory.p, trajectory.v, work, obs, signals)
     return obs
 
 
@@ -136,17 +135,16 @@ def _run_compiled(
     p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
     B_hat, episode = policy.initial_damping(), env.episode
     factor = np.ones_like(B_hat)
-    block = allocate(loop_shapes(env.plant_task, policy.law))[0]
-    done, outcome = 0, RUNNING
-    while done < ticks and outcome == RUNNING:
-        end = min(done + PIECE, ticks)
-        reached, outcome = run(
-            env.plant_task, episode.reference, episode.sensing, episode.impulses, policy.law, block, done, end, p, v,
-            obs, B_hat, factor, record,
+    work, outcome = new_workspace(loop_shapes(env.plant_task, policy.law)), np.array([0.0, RUNNING])
+    done = 0
+    while done < ticks and outcome[1] == RUNNING:
+        run(
+            env.plant_task, episode.reference, episode.sensing, episode.impulses, policy.law, work, done,
+            min(done + PIECE, ticks), p, v, obs, B_hat, factor, record, outcome,
         )  # fmt: skip
-        progress(reached - done)
-        done = reached
-    return done, REASONS[outcome]
+        progress(int(outcome[0]) - done)
+        done = int(outcome[0])
+    return done, REASONS[float(outcome[1])]
 
 
 def _run_stepwise(

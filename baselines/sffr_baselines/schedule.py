@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_baselines.regulator import root_acceleration
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import length
 from sffr_gym.config.params import Params
 from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
@@ -105,7 +105,6 @@ def make_schedule(prior: Params) -> Schedule:
     )
 
 
-@inline
 def schedule_shapes(law):
     """Shapes of the :class:`ScheduleWork` of a :class:`closed_loop.Law`."""
     n_p, width = len(law.allocation), 1
@@ -114,7 +113,7 @@ def schedule_shapes(law):
     return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * N_TIP,))
 
 
-@kernel(inline=True)
+@kernel
 def write_features(law, obs, features):
     """Write the features (n_p N_FEATURES,) of an observation, panel by panel in the order of ``FEATURES``.
 
@@ -144,7 +143,7 @@ def write_features(law, obs, features):
             own[k] = min(max(own[k], -schedule.bounds[k]), schedule.bounds[k])
 
 
-@kernel(inline=True)
+@kernel
 def apply_decision(law, obs, decision, factor):
     """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate.
 
@@ -166,7 +165,7 @@ def apply_decision(law, obs, decision, factor):
                 count += 1
 
 
-@kernel
+@kernel(inline=False)
 def update_schedule(law, obs, work, factor):
     """Let the network choose the factors (n_p, 3) of the virtual damping for an observation.
 
@@ -181,7 +180,7 @@ def update_schedule(law, obs, work, factor):
     apply_decision(law, obs, work.decision, factor)
 
 
-@kernel(inline=True)
+@kernel
 def _propagate(schedule, seen, hidden, decision):
     """Write the network's output."""
     sizes, weights = schedule.sizes, schedule.weights

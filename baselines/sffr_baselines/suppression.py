@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import where
 from sffr_gym.config.params import Params
 from sffr_gym.physics.beam import N_TIP, one_element_beam
@@ -78,7 +78,7 @@ def damped_coordinates(params: Params) -> tuple[str, ...]:
     return tuple(name for name, w in zip(COORDINATES, omega, strict=True) if w * params.control.period < pi / 2)
 
 
-@kernel(inline=True)
+@kernel
 def suppress(law, allocation, limit, at, obs, factor, B_hat, volts):
     """Write the piezo voltages of all panels and adapt ``B_hat`` (n_p, 3) in place.
 
@@ -110,7 +110,7 @@ def suppress(law, allocation, limit, at, obs, factor, B_hat, volts):
         _adapt(law, obs, q, qd, B_hat[i], excess > 0.0)
 
 
-@kernel(inline=True)
+@kernel
 def _adapt(law, obs, q, qd, B_hat, saturated):
     """``dB/dt = Gamma K' M_f^-1 Y`` over one period unless saturated, with the regressor K = diag(e_dot) of Eq. 24."""
     for k in range(N_TIP):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, pi, sin
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import any_lane, floor, where
 from sffr_gym.types import Array
 
@@ -24,19 +24,18 @@ class Anchor(NamedTuple):
     sin: Array  #: (n,)
 
 
-@inline
 def anchor_shapes(n):
     """Shapes of an :class:`Anchor` of ``n`` angles."""
     return Anchor(angle=(n,), cos=(n,), sin=(n,))
 
 
-@kernel(inline=True)
+@kernel
 def wrap(angle):
     """The same angle in [-pi, pi), up to rounding."""
     return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
-@kernel(inline=True)
+@kernel
 def cos_sin_near(anchor, k, angle, refresh):
     """Cosine and sine of an angle [rad].
 

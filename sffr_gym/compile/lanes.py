@@ -1,75 +1,23 @@
 """Numbers in lanes: a kernel that is written for one environment steps ``WIDTH`` of them at once.
 
-``Lanes`` is a numba type like ``float64``, but a vector register of as many numbers, one for each environment. Kernels
-are written for plain numbers; given arrays of lanes they compile a second time, with the same operations in the same
-order, so that every lane is bitwise identical to a run with plain numbers. What differs is choice: a lane cannot take a
-branch by itself, hence :func:`where` and :func:`any_lane` in place of ``if`` on a number that differs between
-environments.
+A lane array holds a vector register of as many numbers in place of each, one for each environment. Kernels are written
+for plain numbers; for arrays of lanes they are compiled a second time, with the same operations in the same order, so
+that every lane is bitwise identical to a run with plain numbers. What differs is choice: a lane cannot take a branch by
+itself, hence :func:`where` and :func:`any_lane` in place of ``if`` on a number that differs between environments.
+
+Only compiled kernels know lanes. As Python, a kernel runs for a single environment.
 """
 
 from __future__ import annotations
 
-import math
-import operator
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import config
-from numba.core import cgutils, types
-from numba.core.datamodel import PrimitiveModel, register_default
-from numba.core.datamodel.models import ArrayModel
-from numba.core.imputils import lower_builtin, lower_cast
-from numba.core.typeconv import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, overload
-from numba.np.arrayobj import make_array, populate_array
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 
 WIDTH = 8  # of AVX-512; narrower machines take two or four instructions for one
 ALIGNMENT = 64  # bytes
-DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
-BITS = ir.VectorType(ir.IntType(1), WIDTH)
-SCALARS = (types.Float, types.Integer)
-
-
-class Lanes(types.Type):
-    """Numbers side by side; a plain number becomes lanes that are all alike."""
-
-    def __init__(self) -> None:
-        super().__init__(name=f"lanes{WIDTH}")
-
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """Numba's rule of conversion."""
-        return Conversion.safe if isinstance(other, SCALARS) else None
-
-
-class Mask(types.Type):
-    """Truth values side by side, of a comparison of lanes."""
-
-    def __init__(self) -> None:
-        super().__init__(name=f"mask{WIDTH}")
-
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """Numba's rule of conversion."""
-        return Conversion.safe if isinstance(other, types.Boolean) else None
-
-
-class LaneArray(types.Array):
-    """An array of lanes, known to kernels alone."""
-
-    def __init__(self, ndim: int, layout: Any = "C") -> None:
-        super().__init__(lanes, ndim, layout, aligned=False, name=f"array({lanes.name}, {ndim}d, {layout})")
-
-    def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """Numba's way to the type of a part."""
-        return LaneArray(self.ndim if ndim is None else ndim, self.layout if layout is None else layout)
-
-
-lanes, mask = Lanes(), Mask()
-NUMBERS = types.float64
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
@@ -87,200 +35,12 @@ def floor(x: Any) -> Any:
     return np.floor(x)
 
 
-def _splat(builder: Any, value: Any) -> Any:
-    """Lanes that all have one value."""
-    single = builder.insert_element(ir.Constant(DOUBLES, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    everywhere = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-    return builder.shuffle_vector(single, ir.Constant(DOUBLES, ir.Undefined), everywhere)
+def columns(array: Any) -> Any:
+    """A vector (n,) as its numbers (n, 1); in lanes as (n, WIDTH), a column for each."""
+    return array.reshape(-1, 1)
 
 
-@register_default(Lanes)
-class _LanesModel(PrimitiveModel):
-    def __init__(self, manager: Any, type_: Any) -> None:
-        super().__init__(manager, type_, DOUBLES)
-
-
-@register_default(Mask)
-class _MaskModel(PrimitiveModel):
-    def __init__(self, manager: Any, type_: Any) -> None:
-        super().__init__(manager, type_, BITS)
-
-
-register_default(LaneArray)(ArrayModel)
-
-
-@lower_cast(types.Float, Lanes)
-@lower_cast(types.Integer, Lanes)
-def _number_to_lanes(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
-    return _splat(builder, context.cast(builder, value, source, NUMBERS))
-
-
-@lower_cast(types.Boolean, Mask)
-def _truth_to_mask(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
-    return builder.select(value, ir.Constant(BITS, [1] * WIDTH), ir.Constant(BITS, [0] * WIDTH))
-
-
-def _define(function: Any, count: int, kind: Any, result: Any, emit: Callable[..., Any]) -> None:
-    """Teach numba a function of ``count`` arguments of a kind, any but one of which may be plain."""
-    plain = SCALARS if kind is lanes else (types.Boolean,)
-
-    class Template(AbstractTemplate):
-        key = function
-
-        def generic(self, args: Any, kws: Any) -> Any:
-            if len(args) != count or kind not in args:
-                return None
-            return signature(result, *[kind] * count) if all(a == kind or isinstance(a, plain) for a in args) else None
-
-    infer_global(function)(Template)
-    lower_builtin(function, *[type(kind)] * count)(
-        lambda context, builder, signature, arguments: emit(context, builder, *arguments)
-    )
-
-
-def _vector_instruction(name: str) -> Callable[..., Any]:
-    """A function that LLVM knows for vectors."""
-
-    def emit(context: Any, builder: Any, x: Any) -> Any:
-        kind = ir.FunctionType(DOUBLES, [DOUBLES])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{WIDTH}f64"), [x])
-
-    return emit
-
-
-def _lane_by_lane(function: Any) -> Callable[..., Any]:
-    """The function of plain numbers, one lane after the other: the same bits."""
-
-    def emit(context: Any, builder: Any, x: Any) -> Any:
-        call, result = context.get_function(function, signature(NUMBERS, NUMBERS)), ir.Constant(DOUBLES, ir.Undefined)
-        for k in range(WIDTH):
-            at = ir.Constant(ir.IntType(32), k)
-            result = builder.insert_element(result, call(builder, [builder.extract_element(x, at)]), at)
-        return result
-
-    return emit
-
-
-def _instruction(name: str) -> Callable[..., Any]:
-    return lambda context, builder, x, y: getattr(builder, name)(x, y)
-
-
-def _comparison(name: str) -> Callable[..., Any]:
-    return lambda context, builder, x, y: builder.fcmp_ordered(name, x, y)
-
-
-def _define_arithmetic() -> None:
-    for name, instruction in ("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), ("truediv", "fdiv"):
-        _define(getattr(operator, name), 2, lanes, lanes, _instruction(instruction))
-        _define(getattr(operator, f"i{name}"), 2, lanes, lanes, _instruction(instruction))
-    for function, symbol in (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="):
-        _define(function, 2, lanes, mask, _comparison(symbol))
-    _define(operator.eq, 2, lanes, mask, _comparison("=="))
-    _define(operator.ne, 2, lanes, mask, lambda context, builder, x, y: builder.fcmp_unordered("!=", x, y))
-    _define(operator.and_, 2, mask, mask, _instruction("and_"))
-    _define(operator.or_, 2, mask, mask, _instruction("or_"))
-    # As Python's: the first of two that are equal or cannot be compared.
-    _define(max, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered(">", y, x), y, x))
-    _define(min, 2, lanes, lanes, lambda context, builder, x, y: builder.select(builder.fcmp_ordered("<", y, x), y, x))
-
-
-def _define_functions() -> None:
-    _define(operator.neg, 1, lanes, lanes, lambda context, builder, x: builder.fneg(x))
-    _define(abs, 1, lanes, lanes, _vector_instruction("llvm.fabs"))
-    _define(math.sqrt, 1, lanes, lanes, _vector_instruction("llvm.sqrt"))
-    for function in math.cos, math.sin, math.exp:
-        _define(function, 1, lanes, lanes, _lane_by_lane(function))
-
-    def is_finite(context: Any, builder: Any, x: Any) -> Any:
-        size = _vector_instruction("llvm.fabs")(context, builder, x)
-        return builder.fcmp_ordered("<", size, ir.Constant(DOUBLES, [math.inf] * WIDTH))
-
-    _define(math.isfinite, 1, lanes, mask, is_finite)
-
-
-_define_arithmetic()
-_define_functions()
-
-
-@intrinsic
-def _select(typingctx: Any, condition: Any, a: Any, b: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.select(*arguments)
-
-    return lanes(mask, lanes, lanes), codegen
-
-
-@intrinsic
-def _any(typingctx: Any, condition: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        bits = ir.IntType(WIDTH)
-        return builder.icmp_unsigned("!=", builder.bitcast(arguments[0], bits), ir.Constant(bits, 0))
-
-    return types.boolean(mask), codegen
-
-
-@intrinsic
-def _floor(typingctx: Any, x: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _vector_instruction("llvm.floor")(context, builder, *arguments)
-
-    return lanes(lanes), codegen
-
-
-def lane_pointer(builder: Any, pointer: Any) -> Any:
-    """A pointer to plain numbers as one to lanes."""
-    return builder.bitcast(pointer, DOUBLES.as_pointer())
-
-
-def _numbers(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The numbers of a vector as an array (n, width)."""
-    width = context.get_constant(types.intp, WIDTH if kind.dtype == lanes else 1)
-    source, view = make_array(kind)(context, builder, value), make_array(types.Array(NUMBERS, 2, "C"))(context, builder)
-    size = context.get_constant(types.intp, 8)
-    populate_array(
-        view, data=builder.bitcast(source.data, ir.DoubleType().as_pointer()),
-        shape=[*cgutils.unpack_tuple(builder, source.shape), width], strides=[builder.mul(size, width), size],
-        itemsize=size, meminfo=None,
-    )  # fmt: skip
-    return view._getvalue()
-
-
-if config.DISABLE_JIT:
-
-    def columns(array: Any) -> Any:
-        """A vector (n,) as its numbers (n, 1)."""
-        return array.reshape(-1, 1)
-
-else:
-
-    @intrinsic
-    def columns(typingctx: Any, array: Any) -> Any:
-        """A vector (n,) as its numbers (n, width), a column for each lane; without a share in its ownership."""
-
-        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return _numbers(context, builder, array, arguments[0])
-
-        return types.Array(NUMBERS, 2, "C")(array), codegen
-
-
-@overload(where, jit_options={"forceinline": True, "_nrt": False})
-def _where_overload(condition, a, b):
-    if condition == mask:
-        return lambda condition, a, b: _select(condition, a, b)
-    return lambda condition, a, b: a if condition else b
-
-
-@overload(any_lane, jit_options={"forceinline": True, "_nrt": False})
-def _any_lane_overload(condition):
-    return (lambda condition: _any(condition)) if condition == mask else lambda condition: condition
-
-
-@overload(floor, jit_options={"forceinline": True, "_nrt": False})
-def _floor_overload(x):
-    return (lambda x: _floor(x)) if x == lanes else lambda x: np.floor(x)
-
-
-@kernel(inline=True)
+@kernel
 def gather(rows, i, target):
     """Copy row ``i`` of (n, k) into a vector (k,), or as many rows from ``i`` on as it has lanes, one into each."""
     numbers = columns(target)
@@ -289,7 +49,7 @@ def gather(rows, i, target):
             numbers[k, lane] = rows[i + lane, k]
 
 
-@kernel(inline=True)
+@kernel
 def take(source, lane, row):
     """Copy a lane of a vector (k,) into a row (k,)."""
     numbers = columns(source)
@@ -297,7 +57,7 @@ def take(source, lane, row):
         row[k] = numbers[k, lane]
 
 
-@kernel(inline=True)
+@kernel
 def put(row, target, lane):
     """Copy a row (k,) into a lane of a vector (k,)."""
     numbers = columns(target)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from math import sqrt
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 
 
-@kernel(inline=True)
+@kernel
 def assign(target, source):
     """Copy a vector (n,) into another; kernels that own no memory cannot use ``target[:] = source``."""
     for k in range(len(source)):
         target[k] = source[k]
 
 
-@kernel(inline=True)
+@kernel
 def length(x, y):
     """Length of a vector in the plane."""
     return sqrt(x * x + y * y)
 
 
-@kernel(inline=True)
+@kernel
 def symmetric_inverse(A, out):
     """Invert a symmetric 3 x 3 matrix given as ``(xx, xy, xz, yy, yz, zz)`` by its adjugate."""
     xx, xy, xz, yy, yz, zz = A
@@ -32,7 +32,7 @@ def symmetric_inverse(A, out):
     out[1, 2] = out[2, 1] = (xy * xz - xx * yz) * det
 
 
-@kernel(inline=True)
+@kernel
 def times(A, x, y, z):
     """Product of a 3 x 3 matrix and a vector."""
     return (
@@ -42,7 +42,7 @@ def times(A, x, y, z):
     )
 
 
-@kernel(inline=True)
+@kernel
 def times_transposed(A, x, y, z):
     """Product of the transpose of a 3 x 3 matrix and a vector."""
     return (

@@ -12,6 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from sffr_gym.config.params import Params
 from sffr_gym.envs.arguments import ScenarioLike, plain, resolve_scenario
+from sffr_gym.envs.batch import Stepper
 from sffr_gym.envs.starts import check_starts
 from sffr_gym.envs.state import check_form
 from sffr_gym.task.episode import Nominal
@@ -109,6 +110,19 @@ class RobotEnvironment:
     def _put(self, kept: dict[str, Any], checked: Any) -> None:
         """Make the parts of a checked state this environment's own."""
         raise NotImplementedError
+
+    @cached_property
+    def _stepper(self) -> Stepper:
+        """What advances the batch; made when it is first needed, and anew for other arrays."""
+        return self._make_stepper()
+
+    def _make_stepper(self) -> Stepper:
+        """Return what advances the batch."""
+        raise NotImplementedError
+
+    def _forget_stepper(self) -> None:
+        """Let another stepper be made, for arrays that were replaced."""
+        self.__dict__.pop("_stepper", None)
 
     @cached_property
     def _hash(self) -> str:

@@ -5,25 +5,24 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.kernels import Entry, entry, kernel
 from sffr_gym.compile.lanes import WIDTH, columns, gather, put, take
+from sffr_gym.compile.library import load_library
 from sffr_gym.compile.threads import available_cores
-from sffr_gym.compile.workspace import allocate, workspace
-from sffr_gym.envs.fleet import Fleet, plant_at, roomiest
+from sffr_gym.compile.workspace import allocate, new_workspace, workspace
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
 from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.observation import clip
-from sffr_gym.task.reference import flat_reference, reference_shapes
+from sffr_gym.task.reference import flat_reference, reference_at
 from sffr_gym.task.reward import REWARDS, period_cost, reward_terms
 from sffr_gym.task.scenario import MOST_IMPULSES
 from sffr_gym.task.signals import N_SIGNALS
@@ -84,16 +83,8 @@ class GroupWork(NamedTuple):
     group: Group
 
 
-class Memory(NamedTuple):
-    """Memory of the kernels of a batch, a block for each thread; see :mod:`sffr_gym.compile.workspace`."""
-
-    plain: Array  #: (threads, size) for environments one by one
-    lanes: Array  #: (threads, size, WIDTH) for environments in lanes; of size 0 for a batch that fills none
-
-
-@inline
 def group_shapes(task):
-    """Shapes of the :class:`GroupWork` of a :class:`task_model.TaskModel`."""
+    """Shapes of the :class:`GroupWork` of a robot."""
     n, n_o = task.model.at.end, len(task.bound)
     group = Group(
         p=(n,), v=(n,), reference=(N_REFERENCE + len(task.model.link_mass),), wrench=(3,), command=(len(task.scale),),
@@ -116,23 +107,8 @@ def make_batch(task: TaskModel, n: int) -> Batch:
     )  # fmt: skip
 
 
-def make_memory(description: Any, n: int) -> Memory:
-    """Allocate what kernels with this description of their memory need for ``n`` environments."""
-    threads = min(THREADS, n)
-    lanes = allocate(description, threads, lanes=True) if n >= WIDTH else np.zeros((threads, 0, WIDTH))
-    return Memory(allocate(description, threads), lanes)
-
-
-def batch_memory(task: TaskModel, n: int) -> Memory:
-    """Allocate the memory of :func:`step_batch` and :func:`start_episode` for ``n`` environments.
-
-    It is enough for every plant of the layout; see :class:`fleet.Fleet`.
-    """
-    return make_memory(group_shapes(roomiest(task)), n)
-
-
-def start_episode(fleet: Fleet, batch: Batch, memory: Memory, i: int, episode: Episode) -> None:
-    """Put environment ``i`` at the start of an episode, measured, and observed as its sensors do within the bounds."""
+def put_episode(batch: Batch, i: int, episode: Episode) -> None:
+    """Put environment ``i`` at the start of an episode; :meth:`Stepper.observe` then shows and measures it."""
     for array in batch:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
@@ -141,87 +117,99 @@ def start_episode(fleet: Fleet, batch: Batch, memory: Memory, i: int, episode: E
     count = len(episode.impulses.tick)
     batch.impulse_tick[i] = NEVER
     batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
-    observe_one(fleet, batch, i, memory.plain[0])
 
 
-@kernel
-def observe_one(fleet, batch, i, block):
-    """Observe and measure environment ``i`` at its present time, without a step; late sensors see it as it is."""
-    task = plant_at(fleet, i)
-    work, reference = workspace(block, period_shapes(task)), _reference(task, batch.reference[i])
-    t, p, v, obs = batch.tick[i] * task.period, batch.p[i], batch.v[i], batch.obs[i]
-    observe_state(task, reference, t, p, v, work, obs, batch.signals[i])
+class Stepper:
+    """Advances a batch, by calls that are prepared once: in lanes where these can be filled, on threads that pay.
+
+    Args:
+        kernel: called as ``kernel(plants, batch, *more, actions, active, work, one, first, last)`` for the
+            environments from ``first`` up to ``last``: step_range or a relative.
+        plants: the plant of each environment, or a single one if all are alike.
+        batch: the environments; advanced in place.
+        n_actions: numbers of an action.
+        shapes: of the memory of a group, which begins with a :class:`PeriodWork`.
+        more: further arguments of the kernel.
+        smallest: environments that pay for a thread.
+
+    Attributes:
+        plants: as given.
+        actions: (n, n_actions) and active: (n,) what :meth:`step` takes; to be filled.
+    """
+
+    def __init__(
+        self, kernel: Entry, plants: Structures, batch: Batch, n_actions: int, shapes: Any, more: tuple[Any, ...] = (),
+        smallest: int = SMALLEST_CHUNK,
+    ) -> None:  # fmt: skip
+        n = len(batch.tick)
+        self.plants, self.actions, self.active = plants, np.zeros((n, n_actions)), np.ones(n, dtype=np.bool_)
+        filled = n - n % WIDTH if len(plants) == 1 and load_library() is not None else 0
+        self._steps = []
+        for first, last, width in ((0, filled, WIDTH), (filled, n, 1)):
+            chunks = max(1, min(THREADS, (last - first) // smallest))
+            ends = [first + (last - first) * chunk // chunks // width * width for chunk in range(chunks)] + [last]
+            spans = list(itertools.pairwise(ends)) if last > first else []
+            self._steps.append(
+                [
+                    kernel.bind(plants, batch, *more, self.actions, self.active, *group_memory(shapes, width), *span)
+                    for span in spans
+                ]
+            )
+        self._row = np.zeros(1, dtype=np.int64)
+        self._observe = observe_row.bind(plants, batch, self._row, new_workspace(shapes.period))
+
+    def step(self) -> None:
+        """Advance the active environments under the actions."""
+        for calls in self._steps:
+            if len(calls) > 1:
+                for job in [_pool().submit(call) for call in calls]:
+                    job.result()
+            elif calls:
+                calls[0]()
+
+    def observe(self, i: int) -> None:
+        """Observe and measure environment ``i`` where it is, without a step."""
+        self._row[0] = i
+        self._observe()
+
+
+def group_memory(shapes: Any, width: int) -> tuple[Any, PeriodWork]:
+    """Return memory of a group of so many environments, and of the control period of a single one."""
+    work = workspace(allocate(shapes, lanes=width > 1)[0], shapes)
+    return work, work.period if width == 1 else new_workspace(shapes.period)
+
+
+@entry
+def observe_row(plants, batch, row, one):
+    """Observe and measure an environment at its present time, without a step; late sensors see it as it is.
+
+    plants, batch: see :class:`Stepper`; row: (1,) which one; one: :class:`PeriodWork` of a single environment.
+    """
+    i = row[0]
+    task = plants[i if len(plants) > 1 else 0]
+    reference, t, p, v, obs = (
+        reference_at(batch.reference[i]),
+        batch.tick[i] * task.period,
+        batch.p[i],
+        batch.v[i],
+        batch.obs[i],
+    )
+    observe_state(task, reference, t, p, v, one, obs, batch.signals[i])
     clip(task.bound, obs)
-    sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, work.step.dynamics, obs)
+    sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, one.step.dynamics, obs)
 
 
-def step_batch(fleet: Fleet, batch: Batch, memory: Memory, actions: Array, active: np.ndarray) -> None:
-    """Advance the active environments of a batch by one control period, in lanes and on as many threads as pay.
-
-    Args:
-        fleet: their plants.
-        batch: the environments, advanced in place.
-        memory: of the kernels.
-        actions: (n, n_u) actions; what lies beyond [-1, 1] is clipped and counted.
-        active: (n,) False leaves an environment as it is.
-    """
-    run_in_threads(step_range, (fleet, batch, actions, active), fleet, len(batch.tick), memory, SMALLEST_CHUNK)
-
-
-def run_in_threads(
-    kernel: Callable[..., Any], arguments: tuple[Any, ...], fleet: Fleet, n: int, memory: Memory, smallest: int
-) -> None:
-    """Call ``kernel(*arguments, block, plain_block, first, last)`` for all environments of a batch.
-
-    Args:
-        kernel: of plain numbers and of lanes, by its block; it releases the interpreter's lock.
-        arguments: its first ones.
-        fleet: the plants; where these are alike, environments that fill all lanes are advanced in them.
-        n: number of environments.
-        memory: of the kernel.
-        smallest: number of environments that pay for a thread.
-    """
-    filled = n - n % WIDTH if len(fleet.numbers) == 1 else 0
-    if filled:
-        _in_threads(partial(kernel, *arguments), memory.lanes, memory.plain, 0, filled, smallest, WIDTH)
-    if filled < n:
-        _in_threads(partial(kernel, *arguments), memory.plain, memory.plain, filled, n, smallest, 1)
-
-
-def _in_threads(
-    advance: Callable[..., Any], blocks: Array, plain: Array, first: int, last: int, smallest: int, width: int
-) -> None:
-    """Call ``advance`` for the environments from ``first`` up to ``last``, cut at multiples of ``width``."""
-    chunks = min(len(blocks), (last - first) // smallest)
-    if chunks < 2:
-        advance(blocks[0], plain[0], first, last)
-        return
-    ends = [first + (last - first) * chunk // chunks // width * width for chunk in range(chunks)] + [last]
-    spans = zip(blocks, plain, itertools.pairwise(ends), strict=False)
-    jobs = [_pool().submit(advance, block, one, *span) for block, one, span in spans]
-    for job in jobs:
-        job.result()
-
-
-@kernel(nogil=True)
-def step_range(fleet, batch, actions, active, block, plain, first, last):
+@entry
+def step_range(plants, batch, actions, active, work, one, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period.
 
-    block: memory of a group; its kind decides how many environments are advanced at once.
-    plain: memory of a single environment; the same block if that is what a group is.
+    plants, batch, actions, active: see :class:`Stepper`; what lies beyond [-1, 1] is clipped and counted.
+    work: :class:`GroupWork`, whose kind of number decides how many environments are advanced at once.
+    one: :class:`PeriodWork` of a single environment, the same memory if that is what a group is.
     """
-    alike = last - first if len(fleet.numbers) == 1 else 1  # how many environments' plants have one structure
-    for i in range(first, last, max(alike, 1)):
-        step_alike(fleet, batch, actions, active, block, plain, i, i + alike)
-
-
-@kernel(inline=True)
-def step_alike(fleet, batch, actions, active, block, plain, first, last):
-    """Advance environments as :func:`step_range` does, with the plant of the first."""
-    task = plant_at(fleet, first)
-    work, one = workspace(block, group_shapes(task)), workspace(plain, period_shapes(task))
     group, width = work.group, columns(work.group.t).shape[1]
     for i in range(first, last, width):
+        task = plants[i if len(plants) > 1 else 0]
         load(batch, i, group)
         gather(actions, i, group.command)
         command_of(group.command, task.scale, group.command)
@@ -238,7 +226,7 @@ def step_alike(fleet, batch, actions, active, block, plain, first, last):
                 take(group.terms, k - i, batch.terms[k])
 
 
-@kernel(inline=True)
+@kernel
 def clipped(action):
     """How many entries of an action (n,) lie beyond [-1, 1]."""
     count = 0
@@ -247,7 +235,7 @@ def clipped(action):
     return count
 
 
-@kernel(inline=True)
+@kernel
 def load(batch, i, group):
     """Take the environments from ``i`` on into a group."""
     gather(batch.p, i, group.p)
@@ -257,7 +245,7 @@ def load(batch, i, group):
     gather(batch.signals, i, group.signals)
 
 
-@kernel(inline=True)
+@kernel
 def begin(task, batch, i, group, lane):
     """Let the next control period of environment ``i`` begin in a lane of a group, with its impulses."""
     impulses = Impulses(batch.impulse_tick[i], batch.impulse[i])
@@ -267,18 +255,18 @@ def begin(task, batch, i, group, lane):
     columns(group.t)[0, lane] = batch.tick[i] * task.period
 
 
-@kernel(inline=True)
+@kernel
 def advance_group(task, group, period):
     """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
     group.status[0] = control_period(
-        task, _reference(task, group.reference), group.t[0], group.p, group.v, group.command, group.wrench, period,
+        task, reference_at(group.reference), group.t[0], group.p, group.v, group.command, group.wrench, period,
         group.obs, group.signals,
     )  # fmt: skip
     group.reward[0] = reward_terms(task.weights, task.period, group.signals, group.terms)
     group.cost[0] = period_cost(group.signals, group.status[0])
 
 
-@kernel(inline=True)
+@kernel
 def sense_lane(task, batch, i, group, period, lane, one):
     """Turn the true observation of a lane, environment ``i``, into what its sensors see.
 
@@ -290,12 +278,12 @@ def sense_lane(task, batch, i, group, period, lane, one):
     take(period.before.p, lane, before.p)
     take(period.before.v, lane, before.v)
     take(group.obs, lane, before.obs)
-    reference, sensing = _reference(task, batch.reference[i]), _sensing(batch, i)
+    reference, sensing = reference_at(batch.reference[i]), _sensing(batch, i)
     sense(task, reference, sensing, batch.tick[i], before.p, before.v, one.step.dynamics, before.obs)
     put(before.obs, group.obs, lane)
 
 
-@kernel(inline=True)
+@kernel
 def store(batch, i, group, period, lane):
     """Bring a lane of a group back as environment ``i``; period: as in :func:`sense_lane`."""
     batch.status[i] = int(columns(group.status)[0, lane])
@@ -321,11 +309,6 @@ if hasattr(os, "register_at_fork"):  # threads do not survive a fork: the child 
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-@inline
+@kernel
 def _sensing(batch, i):
     return Sensing(batch.level[i], batch.key[i], batch.delay[i])
-
-
-@inline
-def _reference(task, numbers):
-    return workspace(numbers, reference_shapes(len(task.model.link_mass)))

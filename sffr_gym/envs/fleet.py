@@ -1,8 +1,7 @@
-"""Plants as rows of numbers: every environment of a batch has its own, and a kernel gets them all as two arrays.
+"""Plants as rows of numbers: every environment of a batch has its own.
 
-A :class:`task_model.TaskModel` is some seventy arrays and numbers, whose way from Python into a kernel takes longer
-than a control period. Here its numbers stand one after the other in the order of its fields, and a kernel looks at them
-through arrays again.
+A :class:`task_model.TaskModel` is some seventy arrays and numbers. Here they stand one after the other in the order of
+its fields, so that a batch and its states hold its plants as two arrays.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline
+from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import Integers, structure
 from sffr_gym.physics.model import Sizes, StiffModes
 from sffr_gym.task.task_model import TaskModel, TaskSizes, task_shapes, task_sizes
@@ -66,14 +65,20 @@ def roomiest(plant: TaskModel) -> TaskModel:
     return plant._replace(model=plant.model._replace(stiff=StiffModes(indices, indices, indices, np.zeros(count))))
 
 
-@inline
-def plant_at(fleet, i):
-    """The plant of environment ``i`` as a :class:`task_model.TaskModel`."""
-    row, one = i if len(fleet.numbers) > 1 else 0, Integers(())
+def plant_at(fleet: Fleet, i: int) -> TaskModel:
+    """Return the plant of environment ``i``; its arrays are the fleet's."""
+    one: Any = Integers(())
+    row = i if len(fleet.numbers) > 1 else 0
     numbers, integers = fleet.numbers[row], fleet.integers[row]
     shapes = TaskSizes(Sizes(one, one, one, one, one, one, one, one), one, one, one, one)
     sizes = structure(numbers, integers, shapes)
-    return structure(numbers, integers[N_SIZES:], task_shapes(sizes, fleet.staggered))
+    plant: TaskModel = structure(numbers, integers[N_SIZES:], task_shapes(sizes, fleet.staggered))
+    return plant
+
+
+def plants_of(fleet: Fleet) -> Structures:
+    """Return the plants for kernels: one for each row."""
+    return Structures(plant_at(fleet, i) for i in range(len(fleet.numbers)))
 
 
 def _flatten(plant: TaskModel) -> tuple[Array, IntArray]:

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import DTypeLike
 
+from sffr_gym.compile.arguments import Structures
 from sffr_gym.config.params import Params
 from sffr_gym.envs.arguments import (
     ParamsLike,
@@ -19,8 +20,7 @@ from sffr_gym.envs.arguments import (
     resolve_params,
 )
 from sffr_gym.envs.base import RobotEnvironment
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
-from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range, visible
 from sffr_gym.envs.member import Present
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer
 from sffr_gym.envs.spaces import check_action, make_spaces
@@ -32,8 +32,6 @@ from sffr_gym.task.signals import SIGNALS
 from sffr_gym.task.status import RUNNING, Failure
 from sffr_gym.task.task_model import TaskModel, make_task_model, plant_of
 from sffr_gym.types import Array
-
-ONE = np.ones(1, dtype=np.bool_)  # the single environment of its batch is active
 
 
 class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
@@ -167,8 +165,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         self.fields = self._nominal.fields
         self._scenario = self._checked_scenario(scenario)
         self.action_space, self.observation_space = make_spaces(self.prior_task, observation_type(dtype))
-        self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, 1)
-        self._memory = batch_memory(self.prior_task, 1)
+        self._batch = make_batch(self.prior_task, 1)
         self._episode: Episode | None = None
         self.metadata = self.metadata | {"render_fps": frame_rate(self.prior_task.period)}
         self._renderer = make_renderer(self.prior_task, render_mode, render_every)
@@ -203,7 +200,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         ticks = self.ticks
         action = check_action(action, self.action_space.shape)
         batch = self._batch
-        self._advance(action[None])
+        self._stepper.actions[0] = action
+        self._stepper.step()
         self._note()
         terminated = bool(batch.status[0] != RUNNING)
         truncated = bool(batch.tick[0] >= ticks)
@@ -278,17 +276,20 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         self._batch, self._scenario = kept["batch"], kept["scenario"]
         self._np_random, self._np_random_seed = kept["rng"], kept["seed"]
         self._take(kept["episode"], checked)
+        self._forget_stepper()
         if self._renderer is not None and kept["episode"] is not None:
             self._renderer.restore(kept["trace"], visible(self._batch, 0))
             self._note()  # which begins a trace where there is none
 
     def _start(self, episode: Episode) -> None:
         """Put the plant at the start of an episode."""
-        start_episode(self._fleet, self._batch, self._memory, 0, episode)
+        put_episode(self._batch, 0, episode)
+        self._stepper.observe(0)
 
-    def _advance(self, actions: Array) -> None:
-        """Hold an action (1, n_u)."""
-        step_batch(self._fleet, self._batch, self._memory, actions, ONE)
+    def _make_stepper(self) -> Stepper:
+        """Return what advances the batch of this one environment."""
+        plants, n_u = Structures([self._plant_task]), len(self.prior_task.scale)
+        return Stepper(step_range, plants, self._batch, n_u, group_shapes(self.prior_task))
 
     def _observed(self) -> np.ndarray:
         """A copy of what an agent sees now."""
@@ -298,7 +299,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         """Make an episode and its plant this one's."""
         self._episode = episode
         if plant is not self._plant_task:  # packing one takes as long as all the rest of a reset
-            self._plant_task, self._fleet = plant, make_fleet(plant)
+            self._plant_task = self._stepper.plants[0] = plant
         if self._renderer is not None and episode is not None:
             self._renderer.start(episode.plant, episode.reference, self.scenario.name)
 

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode
-from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.batch import make_batch, observe_row, put_episode
+from sffr_gym.task.control_period import period_shapes
 from sffr_gym.task.episode import Episode, Nominal, draw
 from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.task_model import TaskModel, plant_of
@@ -65,5 +67,6 @@ def _observed(episode: Episode, prior: TaskModel) -> Array:
     plant = plant_of(prior, episode)
     unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(prior, 1)
     exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0))
-    start_episode(make_fleet(unbounded), batch, batch_memory(prior, 1), 0, exact)
+    put_episode(batch, 0, exact)
+    observe_row(Structures([unbounded]), batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(prior)))
     return batch.obs[0]

@@ -25,8 +25,8 @@ from sffr_gym.envs.arguments import (
     step_limit,
 )
 from sffr_gym.envs.base import RobotEnvironment
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch, visible
-from sffr_gym.envs.fleet import make_fleet, put_plant
+from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range, visible
+from sffr_gym.envs.fleet import make_fleet, plant_at, plants_of, put_plant
 from sffr_gym.envs.infos import Drawn, Infos, Mask, batch_infos, masked, objects
 from sffr_gym.envs.member import Member
 from sffr_gym.envs.pictures import RENDER_EVERY, check_pictures, frame_rate, make_renderers
@@ -104,7 +104,6 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._max_steps = step_limit(max_episode_steps)
         self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, num_envs)
-        self._memory = batch_memory(self.prior_task, num_envs)
         seeded = [seeding.np_random() for _ in range(num_envs)]
         self._rngs, self._seeds = [rng for rng, _ in seeded], [seed for _, seed in seeded]
         self._drawn: Drawn = {}
@@ -253,6 +252,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
     def _put(self, kept: dict[str, Any], checked: dict[int, Params]) -> None:
         for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
             setattr(self, f"_{name}", kept[name])
+        self._forget_stepper()
         for i, plant in checked.items():
             past = kept["trace"] and kept["trace"][i]
             title = self.scenario.name if past is None else past.title
@@ -262,11 +262,18 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
 
     def _start(self, i: int, episode: Episode) -> None:
         """Put environment ``i`` at the start of an episode."""
-        start_episode(self._fleet, self._batch, self._memory, i, episode)
+        put_episode(self._batch, i, episode)
+        self._stepper.observe(i)
 
     def _advance(self, actions: Array, active: Mask) -> None:
         """Hold the actions (n, n_u) in the active environments."""
-        step_batch(self._fleet, self._batch, self._memory, actions, active)
+        self._stepper.actions[:], self._stepper.active[:] = actions, active
+        self._stepper.step()
+
+    def _make_stepper(self) -> Stepper:
+        """Return what advances the batch."""
+        plants, n_u = plants_of(self._fleet), len(self.prior_task.scale)
+        return Stepper(step_range, plants, self._batch, n_u, group_shapes(self.prior_task))
 
     def _acting(self) -> Array:
         """Return the virtual damping (n, n_p) of the panels' tip displacements; empty without a law inside."""
@@ -290,10 +297,12 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         scenario = self._distribution(self.scenario)
         if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.prior_task, self.num_envs)  # until here all were alike
+            self._forget_stepper()
         for i in np.flatnonzero(mask):
             episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
                 put_plant(self._fleet, int(i), plant_of(self.prior_task, episode))
+                self._stepper.plants[int(i)] = plant_at(self._fleet, int(i))
             self._start(int(i), episode)
             if self._renderers:
                 self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")

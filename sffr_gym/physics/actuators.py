@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.physics.model import N_BASE, Model, first_mode, tip_rows
@@ -77,7 +77,6 @@ def pack_actuators(params: Params, model: Model) -> Actuators:
     )
 
 
-@inline
 def actuator_shapes(n, n_c, n_u):
     """Shapes of :class:`Actuators`, for :func:`sffr_gym.compile.workspace.structure`.
 
@@ -90,21 +89,21 @@ def actuator_shapes(n, n_c, n_u):
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def command_of(action, scale, command):
     """Write the command (n_u,) of an action (n_u,): clipped to [-1, 1], times what a unit action asks for (n_u,)."""
     for k in range(len(command)):
         command[k] = min(max(action[k], -1.0), 1.0) * scale[k]
 
 
-@kernel(inline=True)
+@kernel
 def saturate(actuators, command, applied):
     """Clip a command (n_u,) to the limits into ``applied``; NaN stays NaN."""
     for i in range(len(command)):
         applied[i] = min(max(command[i], -actuators.limit[i]), actuators.limit[i])
 
 
-@kernel(inline=True)
+@kernel
 def generalized_forces(model, actuators, applied, tau):
     """Write the generalised forces ``tau`` (n,) of an applied command (n_u,); the object's stay as they are.
 

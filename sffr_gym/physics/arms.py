@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sffr_gym.compile.angles import Anchor, anchor_shapes, cos_sin_near
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Interleaved
 from sffr_gym.physics.model import N_BASE
 from sffr_gym.types import Array
@@ -49,7 +49,6 @@ class Tips(NamedTuple):
     b_y: Array
 
 
-@inline
 def link_shapes(n):
     """Shapes of :class:`Links` for ``n`` links."""
     return Interleaved(Links(
@@ -58,13 +57,12 @@ def link_shapes(n):
     ))  # fmt: skip
 
 
-@inline
 def tip_shapes(n):
     """Shapes of :class:`Tips` for ``n`` arms."""
     return Interleaved(Tips((n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,)))
 
 
-@kernel(inline=True)
+@kernel
 def link_directions(model, p, v, links, refresh):
     """Fill the direction of each link in base axes and its absolute angular velocity.
 
@@ -80,7 +78,7 @@ def link_directions(model, p, v, links, refresh):
             links.rate[k] = rate
 
 
-@kernel(inline=True)
+@kernel
 def articulate(model, arm, tau, links, tips):
     """Eliminate the links of one arm from its tip to its mount.
 
@@ -137,7 +135,7 @@ def articulate(model, arm, tau, links, tips):
     return Mxx, Mxy, Myy, px, py, torque
 
 
-@kernel(inline=True)
+@kernel
 def expand(model, arm, ax, ay, alpha_base, lamx, lamy, full, links, out):
     """Run outward from the mount's acceleration and write the joint accelerations of one arm into ``out``.
 
@@ -161,7 +159,7 @@ def expand(model, arm, ax, ay, alpha_base, lamx, lamy, full, links, out):
         ay += length * (alpha * links.c[k] - w2 * links.s[k])
 
 
-@kernel(inline=True)
+@kernel
 def tip_motion(model, arm, yaw_rate, links):
     """Position and velocity of an arm's tip relative to the base's centre of mass, base axes.
 

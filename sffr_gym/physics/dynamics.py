@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sffr_gym.compile.angles import Anchor, anchor_shapes, cos_sin_near
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign, symmetric_inverse, times
 from sffr_gym.physics import arms, panel
 from sffr_gym.physics.arms import Links, Tips, link_shapes, tip_shapes
@@ -55,14 +55,12 @@ class Internal(NamedTuple):
     lam_y: Array  #: (n_g,)
 
 
-@inline
 def internal_shapes(model):
     """Shapes of the :class:`Internal` forces of a robot."""
     n_g = len(model.grasp_arm)
     return Internal(q_flex=(3,), lam_x=(n_g,), lam_y=(n_g,))
 
 
-@inline
 def work_shapes(model):
     """Shapes of the :class:`Work` of a robot."""
     n_p, n_m = model.omega2.shape
@@ -79,7 +77,7 @@ def work_shapes(model):
     )
 
 
-@kernel(inline=True)
+@kernel(inline=False)  # the larger part of all code, called from ten places
 def accelerations(model, p, v, tau, work, out, held, refresh):
     """Solve the equations of motion.
 
@@ -103,7 +101,7 @@ def accelerations(model, p, v, tau, work, out, held, refresh):
     _distribute(model, v, work, True, out)
 
 
-@kernel(inline=True)
+@kernel
 def directions(model, p, v, work, refresh):
     """Fill the directions of base and links, and the links' angular velocities, in ``work``.
 
@@ -113,7 +111,7 @@ def directions(model, p, v, work, refresh):
     arms.link_directions(model, p, v, work.links, refresh)
 
 
-@kernel(inline=True)
+@kernel
 def stiff_response(model, v, panel_index, mode, work, out):
     """Accelerations (n,) that a unit force on one clamped mode causes; call after :func:`accelerations` there.
 
@@ -138,7 +136,7 @@ def stiff_response(model, v, panel_index, mode, work, out):
     out[at] += 1.0
 
 
-@kernel(inline=True)
+@kernel
 def flexible_wrench(model, v, work):
     """Q_flex of Eqs. 4 and 53: force (inertial axes) [N] and moment about the base's centre of mass [N m].
 
@@ -161,7 +159,7 @@ def flexible_wrench(model, v, work):
     return cb * fx - sb * fy, sb * fx + cb * fy, moment
 
 
-@kernel(inline=True)
+@kernel
 def keep_forces(model, v, work, forces):
     """Keep the internal forces of this evaluation, which the next one overwrites; arguments as before.
 
@@ -173,7 +171,7 @@ def keep_forces(model, v, work, forces):
     assign(forces.lam_y, work.grasps.pins.lam_y)
 
 
-@kernel(inline=True)
+@kernel
 def _base_inertia(model, p, v, tau, work, held):
     """Inertia and bias of the base with all arms and panels eliminated into it, or the arms and ``work.held``.
 
@@ -203,7 +201,7 @@ def _base_inertia(model, p, v, tau, work, held):
     return H, bias
 
 
-@kernel(inline=True)
+@kernel
 def _attach(H, bias, x, y, w2, inertia, load):
     """Add an appendage at the point (x, y) of the base, base axes, to the base's inertia and bias.
 
@@ -222,7 +220,7 @@ def _attach(H, bias, x, y, w2, inertia, load):
     return (Hxx + Mxx, Hxy + Mxy, Hxz + rx + hx, Hyy + Myy, Hyz + ry + hy, Hzz), (px + qx, py + qy, pz)
 
 
-@kernel(inline=True)
+@kernel
 def _solve(model, work, full):
     """Solve base, object and grasps for ``work.load``.
 
@@ -234,7 +232,7 @@ def _solve(model, work, full):
         solve_object(model, acceleration[0], acceleration[1], acceleration[2], full, work.grasps)
 
 
-@kernel(inline=True)
+@kernel
 def _distribute(model, v, work, full, out):
     """Run outward from base and object and write every acceleration (n,), inertial axes; ``full`` as in ``_solve``."""
     cb, sb = work.yaw.cos[0], work.yaw.sin[0]
@@ -262,7 +260,7 @@ def _distribute(model, v, work, full, out):
         out[at + 2] = acceleration[2]
 
 
-@kernel(inline=True)
+@kernel
 def _root_acceleration(model, i, ax, ay, alpha, w2):
     """Acceleration of a panel's root in panel axes (Eq. 49 differentiated twice)."""
     c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]

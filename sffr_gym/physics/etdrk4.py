@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
 from sffr_gym.physics.model import is_staggered
@@ -22,7 +22,7 @@ STAGES = 4
 
 
 class Etdrk4(NamedTuple):
-    """Memory of a step."""
+    """Memory of a step; n_s is the number of all clamped modes, of which the stiff ones use the first places."""
 
     p: Array  #: (4, n) positions and velocities at the stages
     v: Array  #: (4, n)
@@ -33,17 +33,16 @@ class Etdrk4(NamedTuple):
     stiff: Frozen  #: the frozen part
 
 
-@inline
 def etdrk4_shapes(model):
-    """Shapes of the :class:`Etdrk4` of a robot."""
-    n, n_s = model.at.end, len(model.stiff.omega)
+    """Shapes of the :class:`Etdrk4` of a robot, whichever of its modes are stiff."""
+    n, n_s = model.at.end, model.omega2.size
     return Etdrk4(
         p=(STAGES, n), v=(STAGES, n), a=(STAGES, n), z=(STAGES, n_s), zd=(STAGES, n_s), g=(STAGES, n_s),
         stiff=frozen_shapes(model),
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def etdrk4_step(model, p, v, tau, h, work, forces, step):
     """Advance the plant in place by one step, in the form of polynomial forcing.
 
@@ -57,31 +56,31 @@ def etdrk4_step(model, p, v, tau, h, work, forces, step):
             assign(step.p[0], p)
             assign(step.v[0], v)
         elif stage == 1:  # half a step on, under the slow accelerations of the start
-            _constant_forcing(step, 0, half, 0, 1)
+            _constant_forcing(model, step, 0, half, 0, 1)
         elif stage == 2:  # half a step on again, under those of stage 1
-            _constant_forcing(step, 0, half, 1, 2)
+            _constant_forcing(model, step, 0, half, 1, 2)
         else:  # a whole step on, from stage 1 under 2 a(stage 2) - a(start)
             _extrapolate(step.a)
             _extrapolate(step.g)
-            _constant_forcing(step, 1, half, 3, 3)
+            _constant_forcing(model, step, 1, half, 3, 3)
         held = is_staggered(model) and stage > 0
         accelerations(model, step.p[stage], step.v[stage], tau, work, step.a[stage], held, stage == 0)
         if stage == 0:
             keep_forces(model, v, work, forces)
             freeze(model, p, v, half, work, step.stiff, step.z[0], step.zd[0])
         take_out(model, step.stiff, step.z[stage], step.zd[stage], step.a[stage], step.g[stage])
-    _quadratic_forcing(p, v, h, step)
+    _quadratic_forcing(model, p, v, h, step)
 
 
-@kernel(inline=True)
+@kernel
 def _extrapolate(a):
     """Write ``2 a[2] - a[0]`` into row 3 of ``a`` (4, n)."""
     for c in range(a.shape[1]):
         a[3, c] = 2.0 * a[2, c] - a[0, c]
 
 
-@kernel(inline=True)
-def _constant_forcing(step, start, duration, forcing, end):
+@kernel
+def _constant_forcing(model, step, start, duration, forcing, end):
     """Solve the frozen linear part exactly over ``duration`` [s], the slow accelerations held.
 
     step: :class:`Etdrk4`; start, end: stages; forcing: the stage whose slow accelerations act.
@@ -93,7 +92,7 @@ def _constant_forcing(step, start, duration, forcing, end):
     for c in range(len(p)):
         p_end[c] = p[c] + duration * v[c] + square * a[c]
         v_end[c] = v[c] + duration * a[c]
-    for j in range(len(z)):
+    for j in range(len(model.stiff.omega)):
         R = step.stiff.R[j]
         rest = g[j] / oscillators.mu2[j]
         dz, dzd = z[j] - rest, zd[j]
@@ -106,8 +105,8 @@ def _constant_forcing(step, start, duration, forcing, end):
             v_end[c] += R[c] * kick
 
 
-@kernel(inline=True)
-def _quadratic_forcing(p, v, h, step):
+@kernel
+def _quadratic_forcing(model, p, v, h, step):
     """Solve the frozen linear part over the whole step ``h`` [s] under the quadratic through the stages; in place.
 
     p, v: (n,) positions and velocities; step: :class:`Etdrk4`, all stages filled.
@@ -119,7 +118,7 @@ def _quadratic_forcing(p, v, h, step):
         first, second = 4.0 * middle - 3.0 * a[0, c] - a[3, c], 2.0 * (a[0, c] + a[3, c]) - 4.0 * middle
         p[c] += h * v[c] + square * (a[0, c] / 2.0 + first / 6.0 + second / 12.0)
         v[c] += h * (a[0, c] + first / 2.0 + second / 3.0)
-    for j in range(len(z)):
+    for j in range(len(model.stiff.omega)):
         R, mu2, damping = step.stiff.R[j], oscillators.mu2[j], oscillators.damping[j]
         middle = 0.5 * (g[1, j] + g[2, j])
         first = (4.0 * middle - 3.0 * g[0, j] - g[3, j]) / h

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sffr_gym.compile.angles import Anchor, anchor_shapes, cos_sin_near
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import symmetric_inverse, times, times_transposed
 from sffr_gym.compile.workspace import Interleaved
 from sffr_gym.physics import arms
@@ -47,7 +47,6 @@ class Grasps(NamedTuple):
     anchor: Anchor  #: its angle relative to the base at the start of a step
 
 
-@inline
 def grasp_shapes(n):
     """Shapes of :class:`Grasps` for ``n`` of them."""
     pins = Pins((n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,), (n,))
@@ -56,7 +55,7 @@ def grasp_shapes(n):
     )
 
 
-@kernel(inline=True)
+@kernel
 def couple_object(model, p, v, tau, cb, sb, links, tips, grasps, H, bias, refresh):
     """Add the grasps to the base's system and eliminate the object; see the module's equations.
 
@@ -145,7 +144,7 @@ def couple_object(model, p, v, tau, cb, sb, links, tips, grasps, H, bias, refres
     return (Hxx - sx, Hxy - sy, Hxz - sz, Hyy - ty, Hyz - tz, Hzz - uz), (px - gx, py - gy, pz - gz)
 
 
-@kernel(inline=True)
+@kernel
 def solve_object(model, ax, ay, az, full, grasps):
     """Acceleration of the object and grasp forces, into ``grasps``.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.physics.dynamics import Internal, Work, internal_shapes, work_shapes
 from sffr_gym.physics.etdrk4 import Etdrk4, etdrk4_shapes, etdrk4_step
 from sffr_gym.physics.rk4 import Rk4, rk4_shapes, rk4_step
@@ -22,13 +22,12 @@ class StepWork(NamedTuple):
     rk4: Rk4
 
 
-@inline
 def step_shapes(model):
     """Shapes of the :class:`StepWork` of a robot."""
     return StepWork(work_shapes(model), internal_shapes(model), etdrk4_shapes(model), rk4_shapes(model))
 
 
-@kernel(inline=True)
+@kernel
 def advance(model, p, v, tau, duration, steps, integrator, work):
     """Advance the plant in place by ``duration`` [s] in ``steps`` equal steps.
 

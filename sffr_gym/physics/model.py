@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Constant, Integers
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -109,7 +109,7 @@ class Model(NamedTuple):
     eta: float  #: strain-rate damping [s]
 
 
-@kernel(inline=True)
+@kernel
 def is_staggered(model):
     """Whether Q_flex is held over a step; known from the model's type, so that the exact coupling is compiled alone."""
     return len(model.staggered) > 0
@@ -143,7 +143,6 @@ def model_sizes(model: Model) -> Sizes:
     )  # fmt: skip
 
 
-@inline
 def model_shapes(n, staggered):
     """Shapes of a :class:`Model`'s numbers and arrays, for :func:`sffr_gym.compile.workspace.structure`.
 
@@ -168,7 +167,7 @@ def model_shapes(n, staggered):
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def first_mode(model, panel):
     """Index of a panel's first modal amplitude in ``p``."""
     return model.at.modes + panel * model.omega2.shape[1]

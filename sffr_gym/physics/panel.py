@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Interleaved
 from sffr_gym.physics.model import first_mode
 from sffr_gym.types import Array
@@ -44,14 +44,13 @@ class Panels(NamedTuple):
     root: Roots
 
 
-@inline
 def panel_shapes(n_p, n_m):
     """Shapes of :class:`Panels` for ``n_p`` panels of ``n_m`` modes."""
     roots = Roots((n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,))
     return Panels(f=(n_p, n_m), turn=(n_p, n_m), root=Interleaved(roots))
 
 
-@kernel(inline=True)
+@kernel
 def condense(model, i, p, v, tau, yaw_rate, panels):
     """Eliminate the elastic accelerations of panel ``i`` into ``panels`` (the RFIM's second row).
 
@@ -113,7 +112,7 @@ def condense(model, i, p, v, tau, yaw_rate, panels):
     root.p_x[i], root.p_y[i], root.moment[i] = px, py, moment
 
 
-@kernel(inline=True)
+@kernel
 def expand(model, i, ax, ay, alpha, full, panels, out):
     """Write the modal accelerations of panel ``i`` into ``out`` (n,).
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
 from sffr_gym.physics.model import is_staggered
@@ -21,14 +21,13 @@ class Rk4(NamedTuple):
     sum_v: Array
 
 
-@inline
 def rk4_shapes(model):
     """Shapes of the :class:`Rk4` of a robot."""
     n = model.at.end
     return Rk4((n,), (n,), (n,), (n,), (n,))
 
 
-@kernel(inline=True)
+@kernel
 def rk4_step(model, p, v, tau, h, work, forces, step):
     """Advance the plant in place by one step; stable only while ``h`` times the largest frequency stays below 2.8.
 

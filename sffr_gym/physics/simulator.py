@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, eigh, null_space
 
+from sffr_gym.compile.kernels import entry
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
@@ -130,7 +131,7 @@ class Simulator:
         tau[:3] += _vector("wrench", wrench, (3,))
         state = self._own(state)
         p, v = self._flat(state)
-        advance(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
+        advance_plant(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
         if not (np.isfinite(p).all() and np.isfinite(v).all()):
             raise FloatingPointError(f"the motion grows beyond all numbers within dt = {dt:g} s")
         return unflatten(self.model, state.t + dt, p, v)
@@ -255,7 +256,7 @@ class Simulator:
         tau = self._forces(self.applied(**command))
         tau[:3] += wrench
         out = np.empty_like(tau)
-        accelerations(self.model, *self._flat(state), tau, self._work.dynamics, out, False, True)
+        evaluate(self.model, *self._flat(state), tau, self._work.dynamics, out)
         return tau, out
 
     def _forces(self, applied: Applied) -> Array:
@@ -317,6 +318,18 @@ class Simulator:
         shape = (self.model.at.end,)
         t = float(_vector("t", t, ()))
         return unflatten(self.model, t, _vector("p", p, shape), _vector("v", v, shape))
+
+
+@entry
+def advance_plant(model, p, v, tau, duration, steps, integrator, work):
+    """Advance the plant; see :func:`sffr_gym.physics.integrator.advance`."""
+    advance(model, p, v, tau, duration, steps, integrator, work)
+
+
+@entry
+def evaluate(model, p, v, tau, work, out):
+    """Solve the equations of motion anywhere; see :func:`sffr_gym.physics.dynamics.accelerations`."""
+    accelerations(model, p, v, tau, work, out, False, True)
 
 
 def unflatten(model: Model, t: float, p: Array, v: Array) -> State:

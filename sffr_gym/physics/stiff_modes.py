@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.compile.workspace import Interleaved
 from sffr_gym.physics.dynamics import stiff_response
@@ -31,7 +31,7 @@ class Oscillators(NamedTuple):
 
 
 class Frozen(NamedTuple):
-    """Memory of the frozen part."""
+    """Memory of the frozen part; n_s is the number of all clamped modes, the stiff ones use the first places."""
 
     W: Array  #: (n_s, n) response of all coordinates to a unit force on each stiff mode
     K: Array  #: (n_s, n_s) scaled stiffness, then its eigenvalues on the diagonal
@@ -40,17 +40,16 @@ class Frozen(NamedTuple):
     oscillators: Oscillators  #: the coupled modes
 
 
-@inline
 def frozen_shapes(model):
-    """Shapes of the :class:`Frozen` of a robot."""
-    n, n_s = model.at.end, len(model.stiff.omega)
+    """Shapes of the :class:`Frozen` of a robot, whichever of its modes are stiff."""
+    n, n_s = model.at.end, model.omega2.size
     return Frozen(
         W=(n_s, n), K=(n_s, n_s), V=(n_s, n_s), R=(n_s, n),
         oscillators=Interleaved(Oscillators((n_s,), (n_s,), (n_s,), (n_s,), (n_s,), (n_s,))),
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def freeze(model, p, v, half, work, modes, z, zd):
     """Freeze the stiff modes' response at the start of a step and solve their coupled oscillation.
 
@@ -65,7 +64,7 @@ def freeze(model, p, v, half, work, modes, z, zd):
     for j in range(n_s):
         for k in range(n_s):
             K[j, k] = omega[j] * W[j, stiff.at[k]] * omega[k]
-    _jacobi(K, V, ROTATION_THRESHOLD / (half * half))
+    _jacobi(K, V, n_s, ROTATION_THRESHOLD / (half * half))
     for j in range(n_s):
         mu2 = K[j, j]
         _transition(mu2, model.eta * mu2, half, modes.oscillators, j)
@@ -83,7 +82,7 @@ def freeze(model, p, v, half, work, modes, z, zd):
             R[j, stiff.at[k]] = V[k, j] / omega[k]
 
 
-@kernel(inline=True)
+@kernel
 def take_out(model, modes, z, zd, a, g):
     """Take the frozen part out of the accelerations ``a`` (n,); what is left of them in coupled modes is ``g`` (n_s,).
 
@@ -100,7 +99,7 @@ def take_out(model, modes, z, zd, a, g):
             g[j] += modes.V[k, j] * stiff.omega[k] * a[stiff.at[k]]
 
 
-@kernel(inline=True)
+@kernel
 def _transition(mu2, damping, duration, oscillators, j):
     """Fill oscillator ``j``: the state transition of ``zdd + damping zd + mu2 z = 0`` over ``duration`` [s]."""
     sigma = 0.5 * damping
@@ -117,10 +116,12 @@ def _transition(mu2, damping, duration, oscillators, j):
     oscillators.vz[j], oscillators.vv[j] = -mu2 * s, c - sigma * s
 
 
-@kernel(inline=True)
-def _jacobi(A, V, threshold):
-    """Diagonalise a symmetric matrix in place by cyclic Jacobi rotations until no coupling exceeds ``threshold``."""
-    n = len(A)
+@kernel
+def _jacobi(A, V, n, threshold):
+    """Diagonalise the first ``n`` rows and columns of a symmetric matrix in place; its eigenvectors go into ``V``.
+
+    By cyclic Jacobi rotations, until no coupling exceeds ``threshold``.
+    """
     for i in range(n):
         for j in range(n):
             V[i, j] = 1.0 if i == j else 0.0
@@ -130,14 +131,14 @@ def _jacobi(A, V, threshold):
             for j in range(i + 1, n):
                 coupled = abs(A[i, j]) > threshold
                 if any_lane(coupled):
-                    _rotate(A, V, i, j, coupled)
+                    _rotate(A, V, n, i, j, coupled)
                     rotated = True
         if not rotated:
             return
 
 
-@kernel(inline=True)
-def _rotate(A, V, i, j, coupled):
+@kernel
+def _rotate(A, V, n, i, j, coupled):
     """One Jacobi rotation that makes ``A[i, j]`` zero (Golub and Van Loan, Matrix Computations, sec. 8.5).
 
     coupled: where this is false nothing turns.
@@ -147,8 +148,8 @@ def _rotate(A, V, i, j, coupled):
     t = where(coupled, where(ratio < 0.0, -t, t), 0.0)
     c = 1.0 / sqrt(t * t + 1.0)
     s = t * c
-    for k in range(len(A)):
+    for k in range(n):
         A[k, i], A[k, j] = c * A[k, i] - s * A[k, j], s * A[k, i] + c * A[k, j]
-    for k in range(len(A)):
+    for k in range(n):
         A[i, k], A[j, k] = c * A[i, k] - s * A[j, k], s * A[i, k] + c * A[j, k]
         V[k, i], V[k, j] = c * V[k, i] - s * V[k, j], s * V[k, i] + c * V[k, j]

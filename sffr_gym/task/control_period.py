@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.actuators import generalized_forces, saturate
@@ -41,7 +41,6 @@ class PeriodWork(NamedTuple):
     energy: Array  #: (n_p,) each panel's share of the signal ``vibration`` [J]
 
 
-@inline
 def period_shapes(task):
     """Shapes of the :class:`PeriodWork` of a :class:`task_model.TaskModel`."""
     n = task.model.at.end
@@ -51,7 +50,7 @@ def period_shapes(task):
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel
 def control_period(task, reference, t_end, p, v, command, wrench, work, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
@@ -94,6 +93,16 @@ def control_period(task, reference, t_end, p, v, command, wrench, work, obs, sig
     return where(diverged > 0.0, NOT_FINITE, status)
 
 
+@entry
+def observe_states(task, reference, t, p, v, work, obs, signals):
+    """Observe states (rows, n) at times ``t`` (rows,) [s] without steps, into ``obs`` (rows, n_o).
+
+    Other arguments as in :func:`observe_state`; the signals are those of the last one.
+    """
+    for row in range(len(t)):
+        observe_state(task, reference, t[row], p[row], v[row], work, obs[row], signals)
+
+
 @kernel
 def observe_state(task, reference, t, p, v, work, obs, signals):
     """Observe and measure a state at time ``t`` [s] without a step; the signals of the command are 0.
@@ -106,7 +115,7 @@ def observe_state(task, reference, t, p, v, work, obs, signals):
     measure_state(task, reference, des, p, v, work.energy, work.quasi_static, signals)
 
 
-@kernel(inline=True)
+@kernel
 def _has_diverged(p, v):
     """1 where a position or velocity (n,) is not finite, else 0."""
     diverged = 0.0
@@ -115,7 +124,7 @@ def _has_diverged(p, v):
     return diverged
 
 
-@kernel(inline=True)
+@kernel
 def _roll_back(diverged, before, values):
     """Put values (n,) back to what they were before where the state has diverged."""
     for k in range(len(values)):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.task.observation import clip, observe
 from sffr_gym.task.reference import desired
 from sffr_gym.types import Array, IntArray
@@ -38,7 +38,7 @@ class Impulses(NamedTuple):
     impulse: Array  #: (k, 3) time integrals of force and moment along the base axes [N s, N s, N m s]
 
 
-@kernel(inline=True)
+@kernel
 def impulse_wrench(impulses, tick, period, wrench):
     """Write the mean force and moment (3,) of the impulses in control period ``tick`` [N, N, N m], base axes."""
     wrench[0] = wrench[1] = wrench[2] = 0.0
@@ -48,7 +48,7 @@ def impulse_wrench(impulses, tick, period, wrench):
                 wrench[j] += impulses.impulse[k, j] / period
 
 
-@kernel(inline=True)
+@kernel
 def sense(task, reference, sensing, tick, p, v, work, obs):
     """Turn the true observation ``obs`` (n_o,) after ``tick`` control periods into what is measured, in place.
 
@@ -64,7 +64,7 @@ def sense(task, reference, sensing, tick, p, v, work, obs):
         add_noise(sensing, tick, task.bound, obs)
 
 
-@kernel(inline=True)
+@kernel
 def add_noise(sensing, tick, bound, obs):
     """Add the noise of control period ``tick`` to an observation ``obs`` (n_o,), in place and within ``bound`` (n_o,).
 
@@ -76,7 +76,7 @@ def add_noise(sensing, tick, bound, obs):
         _add_pair(sensing.level, bound, c, d, k + 2, obs)
 
 
-@kernel(inline=True)
+@kernel
 def philox(tick, block, key):
     """Four random words of 32 bits, of the counter (tick, block, 0, 0) under a key of 32 bits: Philox4x32-10.
 
@@ -91,7 +91,7 @@ def philox(tick, block, key):
     return c0, c1, c2, c3
 
 
-@kernel(inline=True)
+@kernel
 def _add_pair(level, bound, a, b, k, obs):
     """Add two normal numbers, made of two random words, to ``obs[k]`` and ``obs[k + 1]``, where these exist."""
     size = sqrt(-2.0 * log((float(a) + 0.5) * TO_UNIT))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.compile.angles import wrap
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
 from sffr_gym.physics import arms
 from sffr_gym.physics.beam import N_TIP
@@ -109,7 +109,7 @@ def observation_index(fields: dict[str, Field]) -> ObservationIndex:
     return ObservationIndex(**{name: field.start for name, field in fields.items()})
 
 
-@kernel(inline=True)
+@kernel
 def observe(task, reference, des, p, v, work, obs, refresh):
     """Write the observation (n_o,) of positions and velocities ``p, v`` (n,).
 
@@ -164,14 +164,14 @@ def observe(task, reference, des, p, v, work, obs, refresh):
     _write(obs, at.reference_acceleration, ch, sh, des.xdd, des.ydd)
 
 
-@kernel(inline=True)
+@kernel
 def clip(bound, obs):
     """Bring an observation (n_o,) within its bounds (n_o,), in place."""
     for k in range(len(obs)):
         obs[k] = min(max(obs[k], -bound[k]), bound[k])
 
 
-@kernel(inline=True)
+@kernel
 def _write(obs, at, ch, sh, x, y):
     """Write an inertial vector in reference axes at ``at``; ch, sh: cosine and sine of the heading."""
     obs[at] = ch * x + sh * y

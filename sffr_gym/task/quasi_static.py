@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.model import Model
 from sffr_gym.task.reference import Reference
 from sffr_gym.types import Array
 
 
-@kernel(inline=True)
+@kernel
 def quasi_static_amplitude(model, panel, mode, across):
     """Amplitude of a bending mode of a panel whose root accelerates across it by ``across`` [m/s2]."""
     return -model.translation[panel, mode] * across / model.omega2[panel, mode]

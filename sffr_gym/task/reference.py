@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline, kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
 from sffr_gym.physics.model import Model, joint_slice, object_slice
 from sffr_gym.types import Array
@@ -74,18 +74,18 @@ def circle_reference(
     )
 
 
-@inline
-def reference_shapes(n):
-    """Shapes of a :class:`Reference` of a robot with ``n`` joints, over the numbers of :func:`flat_reference`."""
-    return Reference((), (), (), (), (), (), (), (), (), (), joints=(n,))
-
-
 def flat_reference(reference: Reference) -> Array:
     """Return the numbers (10 + n_l,) of a reference, the joints last."""
     return np.concatenate([reference[:-1], reference.joints])
 
 
-@kernel(inline=True)
+@kernel
+def reference_at(row):
+    """The :class:`Reference` of the numbers (10 + n_l,) that :func:`flat_reference` returns."""
+    return Reference(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10:])
+
+
+@kernel
 def desired(reference, t):
     """Desired motion of the object at time ``t`` [s] as a :class:`Desired`."""
     radius, rate = reference.radius, reference.rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import where
 from sffr_gym.config.params import Params
 from sffr_gym.task.signals import ERROR, PIEZO, SAT_JOINT, SAT_PIEZO, SAT_THRUST, VIBRATION
@@ -32,7 +32,7 @@ def reward_weights(params: Params) -> Weights:
     )
 
 
-@kernel(inline=True)
+@kernel
 def reward_terms(weights, period, signals, terms):
     """Write the reward of one period, term by term in the order of ``REWARDS``, and return their sum.
 
@@ -44,7 +44,7 @@ def reward_terms(weights, period, signals, terms):
     return terms[TRACKING] + terms[VIBRATION_TERM] + terms[EFFORT]
 
 
-@kernel(inline=True)
+@kernel
 def period_cost(signals, status):
     """The cost of a period for safe reinforcement learning: 1 if an actuator saturates or the episode fails, else 0."""
     saturated = (signals[SAT_PIEZO] > 0.0) | (signals[SAT_THRUST] > 0.0) | (signals[SAT_JOINT] > 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import cos, sin
 
 from sffr_gym.compile.angles import wrap
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import where
 from sffr_gym.compile.linalg import length
 from sffr_gym.physics.model import N_BASE, first_mode
@@ -32,7 +32,7 @@ N_SIGNALS = len(SIGNALS)
 )
 
 
-@kernel(inline=True)
+@kernel
 def measure_state(task, reference, des, p, v, energy, wrench, signals):
     """Fill the signals that depend on the state by itself.
 
@@ -77,7 +77,7 @@ def measure_state(task, reference, des, p, v, energy, wrench, signals):
     wrench[0], wrench[1], wrench[2] = fx, fy, moment
 
 
-@kernel(inline=True)
+@kernel
 def measure_command(task, applied, q_flex, quasi_static, signals):
     """Fill the signals that depend on the applied command.
 
@@ -104,7 +104,7 @@ def measure_command(task, applied, q_flex, quasi_static, signals):
             signals[SAT_JOINT] += saturated / (at.end - at.joints)
 
 
-@kernel(inline=True)
+@kernel
 def tip_deflection(actuators, model, i, p):
     """Transverse tip displacement [m] of panel ``i`` along its y axis, for positions ``p`` (n,)."""
     tip, start = 0.0, first_mode(model, i)
@@ -113,7 +113,7 @@ def tip_deflection(actuators, model, i, p):
     return tip
 
 
-@kernel(inline=True)
+@kernel
 def _bending(model, i, across, p, v):
     """Bending energy [J] of panel ``i`` about its quasi-static shape, and that shape's first moment across it [kg m].
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from math import cos, sin, sqrt
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.physics import arms
 from sffr_gym.task.signals import tip_deflection
@@ -41,7 +41,7 @@ class Failure(IntEnum):
         return format(str(self), form)
 
 
-@kernel(inline=True)
+@kernel
 def status_of(task, p, v, work, obs):
     """Say whether a finite state lies in the model's range, and clip its observation to its bounds.
 
@@ -68,7 +68,7 @@ def status_of(task, p, v, work, obs):
     return outcome
 
 
-@kernel(inline=True)
+@kernel
 def _elbow(model, arm, links):
     """``|sin|`` of the angle between an arm's first link and the rest of it; 0 when it is singular."""
     first, last = model.arm_first[arm], model.arm_first[arm + 1]
@@ -79,7 +79,7 @@ def _elbow(model, arm, links):
     return abs(links.c[first] * y - links.s[first] * x) / max(sqrt(x * x + y * y), 1e-12)
 
 
-@kernel(inline=True)
+@kernel
 def _gap(model, g, p, v, cp, sp, work):
     """Distance of a gripper from its grasp point [m].
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.jit import inline
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.physics.actuators import Actuators, actuator_shapes, pack_actuators
@@ -79,7 +78,6 @@ def task_sizes(task: TaskModel) -> TaskSizes:
     return TaskSizes(model_sizes(task.model), channels, len(task.scale), len(task.held), len(task.bound))
 
 
-@inline
 def task_shapes(n, staggered):
     """Shapes of a :class:`TaskModel`, for :func:`sffr_gym.compile.workspace.structure`.
 

@@ -22,7 +22,6 @@ from sffr_baselines.learned import file_hash, policy_file
 from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym import ConfigError, Params
-from sffr_gym.compile.cache import is_compiled
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import package_version
@@ -133,8 +132,6 @@ def run_episodes(
     pending = {task: file for task, file in files.items() if task not in found}
     done, total = len(found), len(files)
     progress(plan.scenarios[0], done, total)
-    if pending and not is_compiled():  # here once, instead of in every worker
-        run_episode(next(iter(pending)), plan.params)
     try:
         for task in _finish(pending, plan.params, jobs):
             done += 1

@@ -96,7 +96,7 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
         ConfigError: for an episode that cannot be run.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    progress(plan.policies[0].name, 0, 0)  # what follows may have to compile
+    progress(plan.policies[0].name, 0, 0)
     env = SFFRFlexEnv(scenario=plan.file, params=plan.params)
     env.reset(seed=plan.seed)
     episodes = plan.episodes or (DEFAULT_EPISODES if env.episode.drawn else 1)

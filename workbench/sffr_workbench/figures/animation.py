@@ -139,7 +139,7 @@ def animate(
     if len(runners) > MAX_POLICIES:
         raise ConfigError(f"{len(runners)} policies: at most {MAX_POLICIES} fit side by side")
     seed = check_arguments(EpisodeRange, seed=seed).seed
-    progress(runners[0].name, 0, 0)  # what follows may have to compile
+    progress(runners[0].name, 0, 0)
     env, trajectories = SFFRFlexEnv(scenario, resolved), []
     env.reset(seed=seed)
     options.check_count(out, env.ticks * env.params.control.period, len(runners))

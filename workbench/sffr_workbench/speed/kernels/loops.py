@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, sqrt
 
-from sffr_gym.compile.jit import kernel
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.compile.workspace import workspace
 from sffr_gym.physics.actuators import generalized_forces

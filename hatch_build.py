@@ -1,0 +1,31 @@
+"""Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/build``."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+FOLDER = Path("sffr_gym", "compile", "binaries")
+
+
+class CompiledKernels(BuildHookInterface[Any]):
+    """Builds the library of compiled code: for the levels in ``SFFR_LEVELS``, or for that of this machine."""
+
+    def dependencies(self) -> list[str]:
+        """Return what building needs: what the package needs itself, and the compiler."""
+        core = self.metadata.core
+        return [*core.dependencies, *core.optional_dependencies["compile"]]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build the library, and tag the wheel with the platform that it is for."""
+        root = Path(self.root)
+        paths = os.pathsep.join([str(root), str(root / "baselines")])
+        levels = os.environ.get("SFFR_LEVELS", "").split()
+        command = [sys.executable, "-m", "sffr_gym.compile.build", str(root / FOLDER), *levels]
+        subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"

@@ -1,0 +1,65 @@
+"""Build the library of compiled code::
+
+    python -m sffr_gym.compile.builder FOLDER [LEVEL ...]
+
+LEVEL is ``host``, the default, or a level of x86-64 such as ``x86-64-v3``. FOLDER gets a shared object for each and the
+manifest of :mod:`sffr_gym.compile.library`, put into place last.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from sffr_gym.compile.builder.emission import link
+from sffr_gym.compile.builder.parts import SOURCES, build_part, parts
+from sffr_gym.compile.kernels import KERNELS
+from sffr_gym.compile.library import HOST, LEVELS, MANIFEST, hash_of, own_levels
+from sffr_gym.compile.threads import available_cores
+from sffr_gym.config.files import to_json
+
+
+def build(folder: Path, levels: Sequence[str]) -> None:
+    """Build the library into a folder."""
+    labels, functions, objects = parts(), defaultdict[str, dict[str, str]](dict), defaultdict[str, list[bytes]](list)
+    with ProcessPoolExecutor(
+        min(available_cores(), len(labels)), mp_context=get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        for symbols, emitted in pool.map(build_part, labels, [levels] * len(labels)):
+            for name, forms in symbols.items():
+                functions[name] |= forms
+            for level, content in emitted.items():
+                objects[level].append(content)
+    modules = sorted({*SOURCES, *(function.__module__ for function in KERNELS)})
+    manifest: dict[str, Any] = {"sources": hash_of(modules), "modules": modules, "functions": functions, "files": {}}
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        for level in levels:
+            name = f"kernels-{level}.so"
+            link(objects[level], Path(place) / name)
+            os.replace(Path(place) / name, folder / name)
+            manifest["files"][level] = name
+        (Path(place) / MANIFEST).write_text(to_json(manifest))
+        os.replace(Path(place) / MANIFEST, folder / MANIFEST)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Build what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("levels", nargs="*", metavar="LEVEL", help=f"{HOST}, {', '.join(LEVELS)}")
+    asked = parser.parse_args(arguments)
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    build(asked.folder, asked.levels or own_levels()[:1])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
