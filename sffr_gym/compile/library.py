@@ -80,7 +80,7 @@ def load_library() -> Library | None:
     if os.environ.get(INTERPRETED, "0") != "0":
         return None
     try:
-        manifest = _current_manifest()
+        manifest = _currentcurrent_manifest()
         level = _level_to_load(manifest["files"])
         return Library(FOLDER / manifest["files"][level], manifest["functions"])
     except (ConfigError, OSError, KeyError, LookupError, subprocess.SubprocessError) as error:
@@ -91,14 +91,14 @@ def load_library() -> Library | None:
         return None
 
 
-def _current_manifest() -> dict[str, Any]:
+def _currentcurrent_manifest() -> dict[str, Any]:
     """Return the manifest of a library of the present sources, built if there is none."""
-    manifest = _manifest()
+    manifest = current_manifest(FOLDER)
     if manifest is not None:
         return manifest
     FOLDER.mkdir(exist_ok=True)
     with FileLock(FOLDER / ".lock"):
-        manifest = _manifest()  # another process may have built it
+        manifest = current_manifest(FOLDER)  # another process may have built it
         if manifest is None:
             build_library("sffr-gym: compiling the kernels for this machine, since sources have changed (a minute) ...")
             manifest = read_json(FOLDER / MANIFEST)
@@ -117,11 +117,11 @@ def build_library(message: str, *arguments: str) -> None:
     subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": paths, INTERPRETED: "1"})
 
 
-def _manifest() -> dict[str, Any] | None:
-    """Return the manifest if it is one of the present sources."""
-    if not (FOLDER / MANIFEST).is_file():
+def current_manifest(folder: Path) -> dict[str, Any] | None:
+    """Return the manifest in a folder if it is one of the present sources."""
+    if not (folder / MANIFEST).is_file():
         return None
-    manifest: dict[str, Any] = read_json(FOLDER / MANIFEST)
+    manifest: dict[str, Any] = read_json(folder / MANIFEST)
     return manifest if manifest["sources"] == hash_of(manifest["modules"]) else None
 
 

@@ -2,7 +2,8 @@
 
     python -m sffr_gym.compile.builder FOLDER [LEVEL ...]
 
-LEVEL is ``host``, the default, or a level of x86-64 such as ``x86-64-v3``. FOLDER gets a shared object for each and the
+LEVEL is a level of x86-64 such as ``x86-64-v3``, by default the highest of this machine, or ``host`` on another one.
+Nothing is done if the library is there and its sources are the present ones. FOLDER gets a shared object for each and the
 manifest of :mod:`sffr_gym.compile.library`, put into place last.
 """
 
@@ -22,7 +23,7 @@ from typing import Any
 from sffr_gym.compile.builder.emission import link
 from sffr_gym.compile.builder.parts import SOURCES, build_part, parts
 from sffr_gym.compile.kernels import KERNELS
-from sffr_gym.compile.library import HOST, LEVELS, MANIFEST, hash_of, own_levels
+from sffr_gym.compile.library import HOST, LEVELS, MANIFEST, current_manifest, hash_of, own_levels
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import to_json
 
@@ -56,8 +57,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("levels", nargs="*", metavar="LEVEL", help=f"{HOST}, {', '.join(LEVELS)}")
     asked = parser.parse_args(arguments)
+    levels = asked.levels or own_levels()[:1]
     asked.folder.mkdir(parents=True, exist_ok=True)
-    build(asked.folder, asked.levels or own_levels()[:1])
+    manifest = current_manifest(asked.folder)
+    if manifest is None or not manifest["files"].keys() >= {*levels}:
+        build(asked.folder, levels)
     return 0
 
 
