@@ -10,46 +10,44 @@ from sffr_baselines.laws import make_law
 from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
-from sffr_gym.envs.exemplars import STEP, Exemplars, exemplar_groups, exemplar_tasks
+from sffr_gym.envs.exemplars import PLAIN, Exemplars, exemplar_groups, exemplar_task
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.disturbances import Impulses, Sensing
 
 
-def _law(coupling: str) -> Law:
-    """Return a law that believes in a coupling."""
-    return make_law("ahsc", load_params().with_overrides(f"simulation.coupling={coupling}", STEP))
+def _law() -> Law:
+    return make_law("ahsc", load_params())
 
 
 @act.shown_by
 def _act() -> Exemplars:
-    for coupling, task in exemplar_tasks():
-        law, obs = _law(coupling), np.zeros((2, len(task.bound)))
-        actions, B_hat = np.zeros((2, len(law.scale))), np.zeros((2, len(law.allocation), N_TIP))
-        yield coupling, (law, np.zeros(1, dtype=np.int64), obs, B_hat, B_hat, actions, new_workspace(act_shapes(law)))
+    task = exemplar_task()
+    law, obs = _law(), np.zeros((2, len(task.bound)))
+    actions, B_hat = np.zeros((2, len(law.scale))), np.zeros((2, len(law.allocation), N_TIP))
+    yield PLAIN, (law, np.zeros(1, dtype=np.int64), obs, B_hat, B_hat, actions, new_workspace(act_shapes(law)))
 
 
 @run.shown_by
 def _run() -> Exemplars:
-    for coupling, task in exemplar_tasks():
-        law, p, obs = _law(coupling), np.zeros(task.model.at.end), np.zeros(len(task.bound))
-        sensing, impulses = Sensing(obs, 0, 0), Impulses(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
-        B_hat, work = np.zeros((len(law.allocation), N_TIP)), new_workspace(loop_shapes(task, law))
-        episode = task, law.reference, sensing, impulses
-        yield coupling, (*episode, law, work, 0, 1, p, p, obs, B_hat, B_hat, make_record(task, 2, 1), np.zeros(2))
+    task = exemplar_task()
+    law, p, obs = _law(), np.zeros(task.model.at.end), np.zeros(len(task.bound))
+    sensing, impulses = Sensing(obs, 0, 0), Impulses(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
+    B_hat, work = np.zeros((len(law.allocation), N_TIP)), new_workspace(loop_shapes(task, law))
+    episode = task, law.reference, sensing, impulses
+    yield PLAIN, (*episode, law, work, 0, 1, p, p, obs, B_hat, B_hat, make_record(task, 2, 1), np.zeros(2))
 
 
 @see_row.shown_by
 def _see_row() -> Exemplars:
-    for coupling, task in exemplar_tasks():
-        law, obs = _law(coupling), np.zeros((2, len(task.bound)))
-        yield coupling, (law, obs, make_damping(law, 2).features, np.zeros(1, dtype=np.int64))
+    task = exemplar_task()
+    law, obs = _law(), np.zeros((2, len(task.bound)))
+    yield PLAIN, (law, obs, make_damping(law, 2).features, np.zeros(1, dtype=np.int64))
 
 
 @damping_range.shown_by
 def _damping_range() -> Exemplars:
-    law = _law("exact")
+    law = _law()
     for label, plants, batch, memory in exemplar_groups(lambda task: decision_shapes(task, law)):
-        own = _law(label.split()[0])
-        damping, active = make_damping(own, WIDTH), np.ones(WIDTH, dtype=np.bool_)
-        decisions = np.zeros((WIDTH, len(own.allocation) * int(own.suppression.damped.sum())))
-        yield label, (plants, batch, own, damping, decisions, active, *memory, 0, WIDTH)
+        damping, active = make_damping(law, WIDTH), np.ones(WIDTH, dtype=np.bool_)
+        decisions = np.zeros((WIDTH, len(law.allocation) * int(law.suppression.damped.sum())))
+        yield label, (plants, batch, law, damping, decisions, active, *memory, 0, WIDTH)

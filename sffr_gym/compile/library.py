@@ -80,7 +80,7 @@ def load_library() -> Library | None:
     if os.environ.get(INTERPRETED, "0") != "0":
         return None
     try:
-        manifest = _currentcurrent_manifest()
+        manifest = _built_manifest()
         level = _level_to_load(manifest["files"])
         return Library(FOLDER / manifest["files"][level], manifest["functions"])
     except (ConfigError, OSError, KeyError, LookupError, subprocess.SubprocessError) as error:
@@ -91,7 +91,7 @@ def load_library() -> Library | None:
         return None
 
 
-def _currentcurrent_manifest() -> dict[str, Any]:
+def _built_manifest() -> dict[str, Any]:
     """Return the manifest of a library of the present sources, built if there is none."""
     manifest = current_manifest(FOLDER)
     if manifest is not None:

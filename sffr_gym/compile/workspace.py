@@ -40,12 +40,6 @@ class Interleaved(NamedTuple):
     fields: Any
 
 
-class Constant(NamedTuple):
-    """A value that stands in a description as it is."""
-
-    value: Any
-
-
 def allocate(shapes: Any, count: int = 1, *, lanes: bool = False) -> Array:
     """Return ``count`` blocks that hold what a description describes, of plain numbers or of numbers in lanes.
 
@@ -98,8 +92,6 @@ def _leaves(shapes: Any) -> Iterator[tuple[int, ...]]:
 
 
 def _view(shapes: Any, numbers: _Cursor, integers: _Cursor | None) -> Any:
-    if isinstance(shapes, Constant):
-        return shapes.value
     if isinstance(shapes, Integers):
         assert integers is not None
         return integers.take(shapes.shape)

@@ -29,13 +29,12 @@ class Fleet(NamedTuple):
 
     numbers: Array  #: (n, size) floats of each plant, or a single row if all are alike
     integers: IntArray  #: (n, integers) of each: sizes, then indices and switches
-    staggered: tuple[bool, ...]  #: the coupling; see ``model.Model``
 
 
 def make_fleet(plant: TaskModel, n: int = 1) -> Fleet:
     """Return ``n`` rows that begin alike and may be replaced, or one row for any number of plants that stay alike."""
     numbers, integers = _row(plant)
-    return Fleet(np.tile(numbers, (n, 1)), np.tile(integers, (n, 1)), plant.model.staggered)
+    return Fleet(np.tile(numbers, (n, 1)), np.tile(integers, (n, 1)))
 
 
 def put_plant(fleet: Fleet, i: int, plant: TaskModel) -> None:
@@ -55,7 +54,7 @@ def put_plant(fleet: Fleet, i: int, plant: TaskModel) -> None:
 def same_layout(plant: TaskModel, other: TaskModel) -> bool:
     """Say whether two plants differ in numbers alone, or in which modes are stiff, or in steps per control period."""
     one, two = (_flatten(roomiest(each)._replace(steps=0))[1] for each in (plant, other))
-    return np.array_equal(one, two) and plant.model.staggered == other.model.staggered
+    return np.array_equal(one, two)
 
 
 def roomiest(plant: TaskModel) -> TaskModel:
@@ -72,7 +71,7 @@ def plant_at(fleet: Fleet, i: int) -> TaskModel:
     numbers, integers = fleet.numbers[row], fleet.integers[row]
     shapes = TaskSizes(Sizes(one, one, one, one, one, one, one, one), one, one, one, one)
     sizes = structure(numbers, integers, shapes)
-    plant: TaskModel = structure(numbers, integers[N_SIZES:], task_shapes(sizes, fleet.staggered))
+    plant: TaskModel = structure(numbers, integers[N_SIZES:], task_shapes(sizes))
     return plant
 
 
@@ -84,7 +83,7 @@ def plants_of(fleet: Fleet) -> Structures:
 def _flatten(plant: TaskModel) -> tuple[Array, IntArray]:
     """Numbers and integers of a plant in the order in which :func:`plant_at` takes them."""
     sizes = task_sizes(plant)
-    leaves = [np.ravel(leaf) for leaf in _leaves(plant._replace(model=plant.model._replace(staggered=())))]
+    leaves = [np.ravel(leaf) for leaf in _leaves(plant)]
     numbers = [leaf for leaf in leaves if leaf.dtype.kind == "f"]
     integers = [leaf for leaf in leaves if leaf.dtype.kind != "f"]
     return np.concatenate(numbers), np.concatenate([*map(np.ravel, _leaves(sizes)), *integers]).astype(np.int64)

@@ -20,7 +20,7 @@ from sffr_gym.compile.linalg import assign, symmetric_inverse, times
 from sffr_gym.physics import arms, panel
 from sffr_gym.physics.arms import Links, Tips, link_shapes, tip_shapes
 from sffr_gym.physics.grasp import Grasps, couple_object, grasp_shapes, solve_object
-from sffr_gym.physics.model import first_mode, is_staggered
+from sffr_gym.physics.model import first_mode
 from sffr_gym.physics.panel import Panels, panel_shapes
 from sffr_gym.types import Array
 
@@ -119,7 +119,7 @@ def stiff_response(model, v, panel_index, mode, work, out):
     itself.
     """
     at = first_mode(model, panel_index) + mode
-    if is_staggered(model):
+    if model.staggered > 0:
         out[:] = 0.0
         out[at] = 1.0
         return

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
-from sffr_gym.physics.model import is_staggered
 from sffr_gym.physics.stiff_modes import Frozen, freeze, frozen_shapes, take_out
 from sffr_gym.types import Array
 
@@ -63,7 +62,7 @@ def etdrk4_step(model, p, v, tau, h, work, forces, step):
             _extrapolate(step.a)
             _extrapolate(step.g)
             _constant_forcing(model, step, 1, half, 3, 3)
-        held = is_staggered(model) and stage > 0
+        held = model.staggered > 0 and stage > 0
         accelerations(model, step.p[stage], step.v[stage], tau, work, step.a[stage], held, stage == 0)
         if stage == 0:
             keep_forces(model, v, work, forces)

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
-from sffr_gym.compile.workspace import Constant, Integers
+from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.beam import N_TIP, Beam, Modes, beam, clamped_modes
@@ -102,17 +102,11 @@ class Model(NamedTuple):
     object_inertia: float
     grasp_arm: IntArray  #: (n_g,) index of the arm that holds each grasp point
     grasp_point: Array  #: (n_g, 2) [m] object frame
-    staggered: tuple[bool, ...]  #: (True,): Q_flex is held over a step (Fig. 1), else (); see is_staggered
+    staggered: int  #: 1: Q_flex is held over a step (Fig. 1), else 0
     baumgarte: float  #: decay rate of constraint errors [1/s]
     longest_step: float  #: [s] of the integrator
     stiff: StiffModes
     eta: float  #: strain-rate damping [s]
-
-
-@kernel
-def is_staggered(model):
-    """Whether Q_flex is held over a step; known from the model's type, so that the exact coupling is compiled alone."""
-    return len(model.staggered) > 0
 
 
 class Sizes(NamedTuple):
@@ -143,10 +137,10 @@ def model_sizes(model: Model) -> Sizes:
     )  # fmt: skip
 
 
-def model_shapes(n, staggered):
+def model_shapes(n):
     """Shapes of a :class:`Model`'s numbers and arrays, for :func:`sffr_gym.compile.workspace.structure`.
 
-    n: :class:`Sizes`; staggered: the model's field, which is a part of its type.
+    n: :class:`Sizes`.
     """
     return Model(
         at=Index(Integers(()), Integers(()), Integers(()), Integers(())),
@@ -162,7 +156,7 @@ def model_shapes(n, staggered):
         shapes=(n.panels, n.coordinates, n.modes), inverse=(n.panels, n.modes, n.coordinates),
         object_mass=(), object_inertia=(),
         grasp_arm=Integers((n.grasps,)), grasp_point=(n.grasps, 2),
-        staggered=Constant(staggered), baumgarte=(), longest_step=(),
+        staggered=Integers(()), baumgarte=(), longest_step=(),
         stiff=StiffModes(Integers((n.stiff,)), Integers((n.stiff,)), Integers((n.stiff,)), (n.stiff,)), eta=(),
     )  # fmt: skip
 
@@ -237,7 +231,7 @@ def pack(params: Params) -> Model:
         object_inertia=params.object.inertia if params.object else 0.0,
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
         grasp_point=np.array([grasp.point for grasp in grasps]).reshape(-1, 2),
-        staggered=(True,) if params.simulation.coupling == "staggered" else (),
+        staggered=int(params.simulation.coupling == "staggered"),
         baumgarte=params.simulation.baumgarte,
         longest_step=longest_step,
         stiff=StiffModes(

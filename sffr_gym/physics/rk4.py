@@ -7,7 +7,6 @@ from typing import NamedTuple
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.dynamics import accelerations, keep_forces
-from sffr_gym.physics.model import is_staggered
 from sffr_gym.types import Array
 
 
@@ -40,7 +39,7 @@ def rk4_step(model, p, v, tau, h, work, forces, step):
     step.sum_p[:] = 0.0
     step.sum_v[:] = 0.0
     for stage in range(4):
-        accelerations(model, step.p, step.v, tau, work, step.a, is_staggered(model) and stage > 0, stage == 0)
+        accelerations(model, step.p, step.v, tau, work, step.a, model.staggered > 0 and stage > 0, stage == 0)
         if stage == 0:
             keep_forces(model, v, work, forces)
         weight = h / 6.0 if stage in (0, 3) else h / 3.0

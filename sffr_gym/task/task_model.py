@@ -78,14 +78,14 @@ def task_sizes(task: TaskModel) -> TaskSizes:
     return TaskSizes(model_sizes(task.model), channels, len(task.scale), len(task.held), len(task.bound))
 
 
-def task_shapes(n, staggered):
+def task_shapes(n):
     """Shapes of a :class:`TaskModel`, for :func:`sffr_gym.compile.workspace.structure`.
 
-    n: :class:`TaskSizes`; staggered: see :class:`sffr_gym.physics.model.Model`.
+    n: :class:`TaskSizes`.
     """
     one = Integers(())
     return TaskModel(
-        model=model_shapes(n.model, staggered), actuators=actuator_shapes(n.model, n.channels, n.command),
+        model=model_shapes(n.model), actuators=actuator_shapes(n.model, n.channels, n.command),
         held=Integers((n.held,)), period=(), steps=one, integrator=one, limits=Limits((), (), ()), scale=(n.command,),
         at=ObservationIndex(
             one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one

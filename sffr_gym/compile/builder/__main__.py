@@ -1,10 +1,8 @@
-"""Build the library of compiled code::
-
-    python -m sffr_gym.compile.builder FOLDER [LEVEL ...]
+"""Build the library of compiled code: ``python -m sffr_gym.compile.builder FOLDER [LEVEL ...]``.
 
 LEVEL is a level of x86-64 such as ``x86-64-v3``, by default the highest of this machine, or ``host`` on another one.
-Nothing is done if the library is there and its sources are the present ones. FOLDER gets a shared object for each and the
-manifest of :mod:`sffr_gym.compile.library`, put into place last.
+FOLDER gets a shared object for each and the manifest of :mod:`sffr_gym.compile.library`, put into place last. Nothing
+is done if they are there and of the present sources.
 """
 
 from __future__ import annotations

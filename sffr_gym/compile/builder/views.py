@@ -1,7 +1,7 @@
 """The compiler's types for arguments: views of their words, see :mod:`sffr_gym.compile.arguments`.
 
-A named tuple becomes the address of its words. Reading a field of it loads what the words say there, which never changes
-during a call: the compiler is told so, and loads it once.
+A named tuple becomes the address of its words. Reading a field of it loads what the words say there, which does not
+change during a call: the compiler is told so, and loads it once.
 """
 
 from __future__ import annotations
@@ -102,9 +102,6 @@ class TypeMaker:
         if hasattr(value, "_fields"):
             view = self._view(value)
             return view, view.words
-        if isinstance(value, tuple):
-            parts = [self.type_of(part) for part in value]
-            return types.Tuple([kind for kind, _ in parts]), sum(words for _, words in parts)
         if isinstance(value, bool | np.bool_):
             return types.boolean, 1
         return (types.int64 if isinstance(value, int | np.integer) else types.float64), 1
@@ -168,12 +165,6 @@ def load(context: Any, builder: Any, kind: Any, words: Any) -> Any:
         data = builder.inttoptr(word(0), context.get_data_type(kind.dtype).as_pointer())
         populate_array(array, data=data, shape=shape, strides=strides, itemsize=WORD(size), meminfo=None)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        parts, place = [], 0
-        for part in kind.types:
-            parts.append(load(context, builder, part, builder.gep(words, [WORD(place)])))
-            place += 1
-        return context.make_tuple(builder, kind, parts)
     if kind == types.boolean:
         return builder.icmp_signed("!=", word(0), WORD(0))
     return builder.bitcast(word(0), ir.DoubleType()) if kind == types.float64 else word(0)
@@ -222,7 +213,7 @@ def _column(context: Any, builder: Any, columns: Any, value: Any, name: str) -> 
 @infer_global(operator.getitem)
 class _ViewsItem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
-        views, *index = args
+        views = args[0]
         return signature(views.element, views, types.int64) if isinstance(views, Views) else None
 
 
