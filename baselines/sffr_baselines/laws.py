@@ -9,6 +9,7 @@ from sffr_baselines.regulator import make_regulator
 from sffr_baselines.schedule import make_schedule
 from sffr_baselines.settings import load_regulator_weights, load_tuned_damping
 from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_suppression
+from sffr_gym.compile.kernels import Call
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
 from sffr_gym.physics.actuators import pack_actuators
@@ -41,23 +42,22 @@ class LawPolicy:
         B_hat: (n, n_p, 3) virtual damping in each environment [N s/m, N s/m, N m s/rad]; None before the first
             observation.
         factor: (n, n_p, 3) by which a schedule multiplies it [-].
-        tick: control periods since the start.
     """
 
     def __init__(self, name: str, law: Law) -> None:
-        self.name = name
-        self._set_law(law)
+        self.name, self.law = name, law
         self.B_hat: Array | None = None
         self.factor = np.ones(0)
-        self.tick = 0
+        self._call: Call | None = None
+
+    @property
+    def tick(self) -> int:
+        """Control periods since the start."""
+        return 0 if self.B_hat is None else int(self._tick[0])
 
     def reset(self, seed: int | None = None) -> None:
         """Put the virtual damping back to its start."""
-        self.B_hat, self.tick = None, 0
-
-    def _set_law(self, law: Law) -> None:
-        """Take a law, and memory for it."""
-        self.law, self._work = law, new_workspace(act_shapes(law))
+        self.B_hat = self._call = None
 
     def initial_damping(self) -> Array:
         """Return the virtual damping (n_p, 3) at the start of an episode [N s/m, N s/m, N m s/rad]."""
@@ -68,18 +68,29 @@ class LawPolicy:
         """Return the actions for one observation or a batch of them; see :class:`policies.Policy`.
 
         Raises:
-            ValueError: if the number of environments changes without a reset.
+            ValueError: for observations of another robot, or if the number of environments changes without a reset.
         """
-        rows = np.atleast_2d(np.asarray(obs, dtype=np.float64))
-        if self.B_hat is None:
-            self.B_hat = np.tile(self.initial_damping(), (len(rows), 1, 1))
-            self.factor = np.ones_like(self.B_hat)
-        if len(self.B_hat) != len(rows):
-            raise ValueError(f"observations of {len(self.B_hat)} environments expected, got {len(rows)}; call reset")
-        actions = np.empty((len(rows), len(self.law.scale)))
-        act(self.law, np.array([self.tick]), rows, self.B_hat, self.factor, actions, self._work)
-        self.tick += 1
-        return actions.reshape(*np.shape(obs)[:-1], -1)
+        rows, size = np.atleast_2d(np.asarray(obs, dtype=np.float64)), self.law.at.reference_acceleration + 2
+        if rows.shape[1:] != (size,):
+            raise ValueError(f"{self.name} expects observations of {size} numbers, got some of shape {np.shape(obs)}")
+        if self._call is None or self.B_hat is None:
+            self._call = self._prepare(len(rows))
+        if len(self._rows) != len(rows):
+            raise ValueError(f"observations of {len(self._rows)} environments expected, got {len(rows)}; call reset")
+        self._rows[:] = rows
+        self._call()
+        self._tick += 1
+        return self._actions.reshape(*np.shape(obs)[:-1], -1).copy()
+
+    def _prepare(self, n: int) -> Call:
+        """Return the law's call for so many environments, at the start of their episodes."""
+        law = self.law
+        self.B_hat = np.tile(self.initial_damping(), (n, 1, 1))
+        self.factor = np.ones_like(self.B_hat)
+        self._tick = np.zeros(1, dtype=np.int64)
+        self._rows, self._actions = np.zeros((n, law.at.reference_acceleration + 2)), np.zeros((n, len(law.scale)))
+        memory = new_workspace(act_shapes(law))
+        return act.bind(law, self._tick, self._rows, self.B_hat, self.factor, self._actions, memory)
 
 
 class OraclePolicy(LawPolicy):
@@ -102,7 +113,7 @@ class OraclePolicy(LawPolicy):
 
     def set_plant(self, plant: Params) -> None:
         """Take the plant of an episode, ``env.unwrapped.plant``, for the model; call it after each reset."""
-        self._set_law(make_law(self._base, plant))
+        self.law, self._call = make_law(self._base, plant), None
         self._has_plant = True
 
     def __call__(self, obs: Array) -> Array:

@@ -120,6 +120,10 @@ class RobotEnvironment:
         """Return what advances the batch."""
         raise NotImplementedError
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Copy all but the stepper, whose calls know where the arrays of this environment lie."""
+        return {name: value for name, value in self.__dict__.items() if name != "_stepper"}
+
     def _forget_stepper(self) -> None:
         """Let another stepper be made, for arrays that were replaced."""
         self.__dict__.pop("_stepper", None)

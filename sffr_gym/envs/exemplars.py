@@ -13,7 +13,7 @@ from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.batch import Batch, group_memory, group_shapes, make_batch, observe_row, step_range
 from sffr_gym.physics.integrator import step_shapes
-from sffr_gym.physics.simulator import advance_plant, evaluate
+from sffr_gym.physics.plant import advance_plant, evaluate
 from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.reference import circle_reference
 from sffr_gym.task.signals import N_SIGNALS

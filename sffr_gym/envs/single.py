@@ -33,6 +33,9 @@ from sffr_gym.task.status import RUNNING, Failure
 from sffr_gym.task.task_model import TaskModel, make_task_model, plant_of
 from sffr_gym.types import Array
 
+MEASURED = (*SIGNALS, *(f"reward_{name}" for name in REWARDS))  # keys of an info
+FAILURES = tuple(Failure)  # by their number
+
 
 class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     """A free-flying robot with two arms carries an object around a circle while its long, soft solar panels swing.
@@ -314,9 +317,11 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         """The same keys at every step and reset."""
-        batch = self._batch
-        info: dict[str, Any] = dict(zip(SIGNALS, batch.signals[0].tolist(), strict=True))
-        info |= {f"reward_{name}": value for name, value in zip(REWARDS, batch.terms[0].tolist(), strict=True)}
-        info |= {"time": self.time, "clipped": int(batch.clipped[0]), "failure": Failure(int(batch.status[0]))}
-        info |= {"cost": float(batch.cost[0]), "applied": batch.applied[0].copy()}
-        return info | ({"drawn": dict(self.episode.drawn)} if self.episode.drawn else {})
+        batch, drawn = self._batch, self.episode.drawn
+        info: dict[str, Any] = dict(zip(MEASURED, [*batch.signals[0].tolist(), *batch.terms[0].tolist()], strict=True))
+        info["time"], info["clipped"] = self.time, int(batch.clipped[0])
+        info["failure"], info["cost"] = FAILURES[batch.status[0]], float(batch.cost[0])
+        info["applied"] = batch.applied[0].copy()
+        if drawn:
+            info["drawn"] = dict(drawn)
+        return info

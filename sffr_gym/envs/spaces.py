@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Any
 
 import gymnasium as gym
@@ -32,14 +33,14 @@ def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
         ValueError: for what is no array of real numbers (complex ones, texts, objects, truth values, a masked array),
             a wrong shape, or NaN.
     """
-    array = np.asarray(action)
+    array = action if type(action) is np.ndarray else np.asarray(action)
     if array.dtype.kind not in REAL or isinstance(action, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else f"an array of {array.dtype}"
         raise ValueError(f"action must be an array of real numbers, got {kind}")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got {array.shape}")
     array = array.astype(np.float64, copy=False)
-    if np.isnan(array).any():
+    if isnan(np.vdot(array, array)):  # of squares, so that infinities do not cancel
         places = np.argwhere(np.isnan(array))
         raise ValueError(f"action has NaN at {(places.ravel() if array.ndim == 1 else places).tolist()}")
     return array

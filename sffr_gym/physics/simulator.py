@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, eigh, null_space
 
-from sffr_gym.compile.kernels import entry
-from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
 from sffr_gym.physics.beam import N_TIP
-from sffr_gym.physics.dynamics import accelerations, flexible_wrench
+from sffr_gym.physics.dynamics import flexible_wrench
 from sffr_gym.physics.initial import initial_positions
-from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
+from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import (
     N_BASE,
@@ -29,8 +28,8 @@ from sffr_gym.physics.model import (
     object_slice,
     pack,
     panel_beam,
-    steps_in,
 )
+from sffr_gym.physics.plant import Plant
 from sffr_gym.types import Array
 
 RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
@@ -91,7 +90,14 @@ class Simulator:
         self.actuators = pack_actuators(self.params, self.model)
         self._beam = panel_beam(self.params)
         self._integrator = INTEGRATORS[self.params.simulation.integrator]
-        self._work = new_workspace(step_shapes(self.model))
+
+    @cached_property
+    def _plant(self) -> Plant:
+        return Plant(self.model, self._integrator)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copy the robot; a copy has memory of its own."""
+        return {name: value for name, value in self.__dict__.items() if name != "_plant"}
 
     def initial_state(self) -> State:
         """Return the configured start (Table IV), the object at rest relative to the grippers."""
@@ -130,8 +136,7 @@ class Simulator:
         tau = self._forces(applied)
         tau[:3] += _vector("wrench", wrench, (3,))
         state = self._own(state)
-        p, v = self._flat(state)
-        advance_plant(self.model, p, v, tau, dt, steps_in(self.model, dt), self._integrator, self._work)
+        p, v = self._plant.advance(*self._flat(state), tau, dt)
         if not (np.isfinite(p).all() and np.isfinite(v).all()):
             raise FloatingPointError(f"the motion grows beyond all numbers within dt = {dt:g} s")
         return unflatten(self.model, state.t + dt, p, v)
@@ -208,14 +213,14 @@ class Simulator:
         state = self._own(state)
         self._evaluated(state, command)
         force = np.zeros_like(state.q)
-        force[:3] = flexible_wrench(self.model, self._flat(state)[1], self._work.dynamics)
+        force[:3] = flexible_wrench(self.model, self._flat(state)[1], self._plant.work.dynamics)
         return force
 
     def grasp_forces(self, state: State, **command: ArrayLike | None) -> Array:
         """Return the forces (n_g, 2) of the object on each gripper, inertial axes [N]; commands as in :meth:`step`."""
         state = self._own(state)
         self._evaluated(state, command)
-        pins = self._work.dynamics.grasps.pins
+        pins = self._plant.work.dynamics.grasps.pins
         return np.column_stack([pins.lam_x, pins.lam_y]) @ rotation(state.q[2]).T
 
     def constraint_drift(self, state: State) -> float:
@@ -255,9 +260,7 @@ class Simulator:
         wrench = _vector("wrench", command.pop("wrench", None), (3,))
         tau = self._forces(self.applied(**command))
         tau[:3] += wrench
-        out = np.empty_like(tau)
-        evaluate(self.model, *self._flat(state), tau, self._work.dynamics, out)
-        return tau, out
+        return tau, self._plant.accelerations(*self._flat(state), tau)
 
     def _forces(self, applied: Applied) -> Array:
         """Return the generalised forces (n,) of an applied command."""
@@ -318,18 +321,6 @@ class Simulator:
         shape = (self.model.at.end,)
         t = float(_vector("t", t, ()))
         return unflatten(self.model, t, _vector("p", p, shape), _vector("v", v, shape))
-
-
-@entry
-def advance_plant(model, p, v, tau, duration, steps, integrator, work):
-    """Advance the plant; see :func:`sffr_gym.physics.integrator.advance`."""
-    advance(model, p, v, tau, duration, steps, integrator, work)
-
-
-@entry
-def evaluate(model, p, v, tau, work, out):
-    """Solve the equations of motion anywhere; see :func:`sffr_gym.physics.dynamics.accelerations`."""
-    accelerations(model, p, v, tau, work, out, False, True)
 
 
 def unflatten(model: Model, t: float, p: Array, v: Array) -> State:
