@@ -16,7 +16,6 @@ from sffr_baselines.damping_loop import Damping, DampingStepper, make_damping, s
 from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
-from sffr_gym.compile.arguments import Structures
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
 from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.fleet import plants_of
@@ -169,7 +168,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         self._stepper.see(0)
 
     def _make_stepper(self) -> DampingStepper:
-        return DampingStepper(Structures([self._plant_task]), self._batch, self.law, self._damping)
+        return DampingStepper([self._plant_task], self._batch, self.law, self._damping)
 
     def _observed(self) -> np.ndarray:
         return self._damping.features[0].astype(self.observation_space.dtype)

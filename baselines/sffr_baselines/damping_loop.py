@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from sffr_baselines.closed_loop import Law, control
 from sffr_baselines.mic import MicWork, mic_shapes
 from sffr_baselines.schedule import N_FEATURES, apply_decision, write_features
-from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import columns, gather, take, where
 from sffr_gym.envs.batch import (
@@ -29,6 +29,7 @@ from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.control_period import PeriodWork
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.status import RUNNING
+from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
 SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many control periods
@@ -100,7 +101,7 @@ class DampingStepper(Stepper):
         damping: its state, advanced in place.
     """
 
-    def __init__(self, plants: Structures, batch: Batch, law: Law, damping: Damping) -> None:
+    def __init__(self, plants: Sequence[TaskModel], batch: Batch, law: Law, damping: Damping) -> None:
         n_a = len(law.allocation) * int(law.suppression.damped.sum())
         shapes = decision_shapes(plants[0], law)
         super().__init__(damping_range, plants, batch, n_a, shapes, (law, damping), SMALLEST_CHUNK)
@@ -122,14 +123,14 @@ def see_row(law, obs, features, row):
 
 
 @entry
-def damping_range(plants, batch, law, damping, actions, active, work, one, first, last):
+def damping_range(groups, plants, batch, law, damping, actions, active, work, one, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one decision.
 
     Arguments as in :func:`sffr_gym.envs.batch.step_range`; work: :class:`DecisionWork`.
     """
     group, decision, width = work.group, work.decision, columns(work.group.t).shape[1]
     for i in range(first, last, width):
-        task = plants[i if len(plants) > 1 else 0]
+        task = groups[i // width if len(groups) > 1 else 0]
         load(batch, i, group)
         _begin_decision(law, batch, damping, actions, active, i, decision)
         for _ in range(law.schedule.hold):
@@ -146,7 +147,7 @@ def damping_range(plants, batch, law, damping, actions, active, work, one, first
             _add(task, group, work.period, decision)
             for k in range(width):
                 if columns(decision.running)[0, k] > 0.0:
-                    sense_lane(task, batch, i + k, group, work.period, k, one)
+                    sense_lane(plants[i + k if len(plants) > 1 else 0], batch, i + k, group, work.period, k, one)
                     if columns(group.status)[0, k] != RUNNING or batch.tick[i + k] >= damping.end[i + k]:
                         columns(decision.running)[0, k] = 0.0
                         _end_decision(law, batch, damping, i + k, group, work.period, decision, k)

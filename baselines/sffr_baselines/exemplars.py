@@ -47,7 +47,7 @@ def _see_row() -> Exemplars:
 @damping_range.shown_by
 def _damping_range() -> Exemplars:
     law = _law()
-    for label, plants, batch, memory in exemplar_groups(lambda task: decision_shapes(task, law)):
+    for label, batched, memory in exemplar_groups(lambda task: decision_shapes(task, law)):
         damping, active = make_damping(law, WIDTH), np.ones(WIDTH, dtype=np.bool_)
         decisions = np.zeros((WIDTH, len(law.allocation) * int(law.suppression.damped.sum())))
-        yield label, (plants, batch, law, damping, decisions, active, *memory, 0, WIDTH)
+        yield label, (*batched, law, damping, decisions, active, *memory, 0, WIDTH)

@@ -97,11 +97,15 @@ class Call:
         self._address = self._block.address
 
     def __call__(self) -> None:
-        """Run the kernel; other threads may run meanwhile if it is compiled."""
+        """Run the kernel; other threads may run meanwhile if it is compiled.
+
+        Raises:
+            IndexError: for an index that is out of range, as Python, or if bounds were compiled in.
+        """
         if self._compiled is None:
             self.entry.function(*self.arguments)
-        else:
-            self._compiled(self._address)
+        elif self._compiled(self._address):
+            raise IndexError(f"{self.entry.name}: an index is out of range")
 
     def __reduce__(self) -> Any:
         """Copy what is called, not where it lies."""

@@ -2,7 +2,8 @@
 
 It is built when the package is installed (see :mod:`sffr_gym.compile.builder`): for the machine at hand, or for several
 levels of x86-64, of which the highest that the processor has is loaded. What it holds is said in a manifest beside it,
-together with a hash of the sources. With ``SFFR_INTERPRETED=1`` kernels run as Python instead.
+together with a hash of the sources. With ``SFFR_INTERPRETED=1`` kernels run as Python instead; ``SFFR_LIBRARY`` is the
+folder of another library, ``SFFR_LEVEL`` the level to load.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from filelock import FileLock
 from sffr_gym.config.errors import ConfigError
 from sffr_gym.config.reading import read_json
 
-FOLDER = Path(__file__).with_name("binaries")
+FOLDER = Path(os.environ.get("SFFR_LIBRARY") or Path(__file__).with_name("binaries"))
 MANIFEST = "manifest.json"
 HOST = "host"  # level of a machine that is no x86-64
 LEVELS = {  # of x86-64, highest first: features as Linux names them
@@ -47,10 +48,12 @@ class Library:
     def __init__(self, file: Path, functions: dict[str, dict[str, str]]) -> None:
         self.file, self._functions = file, functions
         self._shared = ctypes.CDLL(str(file))
-        self._found: dict[tuple[str, str], Callable[[int], None]] = {}
+        self._found: dict[tuple[str, str], Callable[[int], int]] = {}
 
-    def function(self, name: str, form: str) -> Callable[[int], None]:
-        """Return what takes the address of the words of arguments of a form.
+    def function(self, name: str, form: str) -> Callable[[int], int]:
+        """Return what takes the address of the words of arguments of a form, and returns 0.
+
+        A library built with ``NUMBA_BOUNDSCHECK=1`` may return something else, for an index that is out of range.
 
         Raises:
             TypeError: if the entry is not compiled for that form.
@@ -61,7 +64,7 @@ class Library:
                 known = ", ".join(self._functions[name])
                 raise TypeError(f"{name} is not compiled for arguments of the form {form} (but for {known})")
             function = self._shared[symbol]
-            function.argtypes, function.restype = [ctypes.c_void_p], None
+            function.argtypes, function.restype = [ctypes.c_void_p], ctypes.c_int
             self._found[name, form] = function
         return self._found[name, form]
 

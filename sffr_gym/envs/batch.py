@@ -5,17 +5,19 @@ from __future__ import annotations
 import functools
 import itertools
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sffr_gym.compile.arguments import Structures
-from sffr_gym.compile.kernels import Entry, entry, kernel
+from sffr_gym.compile.kernels import Call, Entry, entry, kernel
 from sffr_gym.compile.lanes import WIDTH, columns, gather, put, take
 from sffr_gym.compile.library import load_library
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.compile.workspace import allocate, new_workspace, workspace
+from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
@@ -123,9 +125,9 @@ class Stepper:
     """Advances a batch, by calls that are prepared once: in lanes where these can be filled, on threads that pay.
 
     Args:
-        kernel: called as ``kernel(plants, batch, *more, actions, active, work, one, first, last)`` for the
+        kernel: called as ``kernel(groups, plants, batch, *more, actions, active, work, one, first, last)`` for the
             environments from ``first`` up to ``last``: step_range or a relative.
-        plants: the plant of each environment, or a single one if all are alike.
+        plants: of each environment, or a single one if all are alike.
         batch: the environments; advanced in place.
         n_actions: numbers of an action.
         shapes: of the memory of a group, which begins with a :class:`PeriodWork`.
@@ -133,34 +135,43 @@ class Stepper:
         smallest: environments that pay for a thread.
 
     Attributes:
-        plants: as given.
         actions: (n, n_actions) and active: (n,) what :meth:`step` takes; to be filled.
     """
 
     def __init__(
-        self, kernel: Entry, plants: Structures, batch: Batch, n_actions: int, shapes: Any, more: tuple[Any, ...] = (),
-        smallest: int = SMALLEST_CHUNK,
+        self, kernel: Entry, plants: Sequence[TaskModel], batch: Batch, n_actions: int, shapes: Any,
+        more: tuple[Any, ...] = (), smallest: int = SMALLEST_CHUNK,
     ) -> None:  # fmt: skip
         n = len(batch.tick)
-        self.plants, self.actions, self.active = plants, np.zeros((n, n_actions)), np.ones(n, dtype=np.bool_)
-        filled = n - n % WIDTH if len(plants) == 1 and load_library() is not None else 0
-        self._steps = []
-        for first, last, width in ((0, filled, WIDTH), (filled, n, 1)):
+        self.actions, self.active = np.zeros((n, n_actions)), np.ones(n, dtype=np.bool_)
+        self._plants = Structures(plants)
+        filled = n - n % WIDTH if load_library() is not None else 0
+        own = len(plants) > 1 and filled > 0
+        self._groups = LanePlants(plants[k : k + WIDTH] for k in range(0, filled, WIDTH)) if own else None
+        groups = self._plants if self._groups is None else self._groups.structures
+        arguments = self._plants, batch, *more, self.actions, self.active
+
+        def prepare(groups: Structures, first: int, last: int, width: int) -> list[Call]:
             chunks = max(1, min(THREADS, (last - first) // smallest))
             ends = [first + (last - first) * chunk // chunks // width * width for chunk in range(chunks)] + [last]
             spans = list(itertools.pairwise(ends)) if last > first else []
-            self._steps.append(
-                [
-                    kernel.bind(plants, batch, *more, self.actions, self.active, *group_memory(shapes, width), *span)
-                    for span in spans
-                ]
-            )
+            return [kernel.bind(groups, *arguments, *group_memory(shapes, width), *span) for span in spans]
+
+        self._in_lanes = [prepare(groups, 0, filled, WIDTH), prepare(self._plants, filled, n, 1)]
+        self._one_by_one = [prepare(self._plants, 0, n, 1)] if own else self._in_lanes
         self._row = np.zeros(1, dtype=np.int64)
-        self._observe = observe_row.bind(plants, batch, self._row, new_workspace(shapes.period))
+        self._observe = observe_row.bind(self._plants, batch, self._row, new_workspace(shapes.period))
+
+    def put_plant(self, i: int, plant: TaskModel) -> None:
+        """Replace the plant of environment ``i``."""
+        self._plants[i] = plant
+        if self._groups is not None:
+            self._groups.put(i, plant)
 
     def step(self) -> None:
         """Advance the active environments under the actions."""
-        for calls in self._steps:
+        as_they_are = self._groups is None or self._groups.fit
+        for calls in self._in_lanes if as_they_are else self._one_by_one:
             if len(calls) > 1:
                 for job in [_pool().submit(call) for call in calls]:
                     job.result()
@@ -200,16 +211,17 @@ def observe_row(plants, batch, row, one):
 
 
 @entry
-def step_range(plants, batch, actions, active, work, one, first, last):
+def step_range(groups, plants, batch, actions, active, work, one, first, last):
     """Advance the active environments from ``first`` up to ``last`` by one control period.
 
+    groups: the plants in the kind of number of a group, of each group or a single one for all.
     plants, batch, actions, active: see :class:`Stepper`; what lies beyond [-1, 1] is clipped and counted.
     work: :class:`GroupWork`, whose kind of number decides how many environments are advanced at once.
     one: :class:`PeriodWork` of a single environment, the same memory if that is what a group is.
     """
     group, width = work.group, columns(work.group.t).shape[1]
     for i in range(first, last, width):
-        task = plants[i if len(plants) > 1 else 0]
+        task = groups[i // width if len(groups) > 1 else 0]
         load(batch, i, group)
         gather(actions, i, group.command)
         command_of(group.command, task.scale, group.command)
@@ -220,7 +232,7 @@ def step_range(plants, batch, actions, active, work, one, first, last):
         advance_group(task, group, work.period)
         for k in range(i, i + width):
             if active[k]:
-                sense_lane(task, batch, k, group, work.period, k - i, one)
+                sense_lane(plants[k if len(plants) > 1 else 0], batch, k, group, work.period, k - i, one)
                 store(batch, k, group, work.period, k - i)
                 batch.reward[k], batch.cost[k] = columns(group.reward)[0, k - i], columns(group.cost)[0, k - i]
                 take(group.terms, k - i, batch.terms[k])

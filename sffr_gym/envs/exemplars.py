@@ -12,6 +12,7 @@ from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.batch import Batch, group_memory, group_shapes, make_batch, observe_row, step_range
+from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.integrator import step_shapes
 from sffr_gym.physics.plant import advance_plant, evaluate
 from sffr_gym.task.control_period import observe_states, period_shapes
@@ -20,7 +21,7 @@ from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.task_model import TaskModel, make_task_model
 
 Exemplars = Iterator[tuple[str, tuple[Any, ...]]]
-PLAIN, LANES = "plain", "lanes"  # labels: what is compiled together
+PLAIN, LANES, OWN = "plain", "lanes", "lanes of plants"  # labels: what is compiled together
 
 
 def exemplar_task() -> TaskModel:
@@ -28,22 +29,23 @@ def exemplar_task() -> TaskModel:
     return make_task_model(load_params())
 
 
-def exemplar_groups(shapes: Any) -> Iterator[tuple[str, Structures, Batch, tuple[Any, ...]]]:
-    """Yield plants, a batch and memory, one by one and in lanes, with a label.
+def exemplar_groups(shapes: Any) -> Iterator[tuple[str, tuple[Structures, Structures, Batch], tuple[Any, ...]]]:
+    """Yield plants of groups and of one, a batch and memory: one by one, in lanes, and with plants in lanes.
 
     Args:
         shapes: returns those of the memory for a robot.
     """
     task = exemplar_task()
-    for width, label in ((1, PLAIN), (WIDTH, LANES)):
-        yield label, Structures([task]), make_batch(task, WIDTH), group_memory(shapes(task), width)
+    plants, own = Structures([task]), LanePlants([[task] * WIDTH]).structures
+    for width, label, groups in ((1, PLAIN, plants), (WIDTH, LANES, plants), (WIDTH, OWN, own)):
+        yield label, (groups, plants, make_batch(task, WIDTH)), group_memory(shapes(task), width)
 
 
 @step_range.shown_by
 def _step_range() -> Exemplars:
-    for label, plants, batch, memory in exemplar_groups(group_shapes):
-        actions, active = np.zeros_like(batch.applied), np.ones(WIDTH, dtype=np.bool_)
-        yield label, (plants, batch, actions, active, *memory, 0, WIDTH)
+    for label, batched, memory in exemplar_groups(group_shapes):
+        actions, active = np.zeros_like(batched[-1].applied), np.ones(WIDTH, dtype=np.bool_)
+        yield label, (*batched, actions, active, *memory, 0, WIDTH)
 
 
 @observe_row.shown_by

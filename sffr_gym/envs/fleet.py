@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import Integers, structure
 from sffr_gym.physics.model import Sizes, StiffModes
 from sffr_gym.task.task_model import TaskModel, TaskSizes, task_shapes, task_sizes
@@ -75,9 +74,9 @@ def plant_at(fleet: Fleet, i: int) -> TaskModel:
     return plant
 
 
-def plants_of(fleet: Fleet) -> Structures:
-    """Return the plants for kernels: one for each row."""
-    return Structures(plant_at(fleet, i) for i in range(len(fleet.numbers)))
+def plants_of(fleet: Fleet) -> list[TaskModel]:
+    """Return the plants: one for each row."""
+    return [plant_at(fleet, i) for i in range(len(fleet.numbers))]
 
 
 def _flatten(plant: TaskModel) -> tuple[Array, IntArray]:

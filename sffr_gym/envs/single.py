@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import DTypeLike
 
-from sffr_gym.compile.arguments import Structures
 from sffr_gym.config.params import Params
 from sffr_gym.envs.arguments import (
     ParamsLike,
@@ -291,8 +290,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
 
     def _make_stepper(self) -> Stepper:
         """Return what advances the batch of this one environment."""
-        plants, n_u = Structures([self._plant_task]), len(self.prior_task.scale)
-        return Stepper(step_range, plants, self._batch, n_u, group_shapes(self.prior_task))
+        n_u = len(self.prior_task.scale)
+        return Stepper(step_range, [self._plant_task], self._batch, n_u, group_shapes(self.prior_task))
 
     def _observed(self) -> np.ndarray:
         """A copy of what an agent sees now."""
@@ -302,7 +301,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         """Make an episode and its plant this one's."""
         self._episode = episode
         if plant is not self._plant_task:  # packing one takes as long as all the rest of a reset
-            self._plant_task = self._stepper.plants[0] = plant
+            self._plant_task = plant
+            self._stepper.put_plant(0, plant)
         if self._renderer is not None and episode is not None:
             self._renderer.start(episode.plant, episode.reference, self.scenario.name)
 

@@ -302,7 +302,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
             episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
                 put_plant(self._fleet, int(i), plant_of(self.prior_task, episode))
-                self._stepper.plants[int(i)] = plant_at(self._fleet, int(i))
+                self._stepper.put_plant(int(i), plant_at(self._fleet, int(i)))
             self._start(int(i), episode)
             if self._renderers:
                 self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")

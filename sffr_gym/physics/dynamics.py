@@ -93,7 +93,7 @@ def accelerations(model, p, v, tau, work, out, held, refresh):
     directions(model, p, v, work, refresh)
     cb, sb = work.yaw.cos[0], work.yaw.sin[0]
     H, bias = _base_inertia(model, p, v, tau, work, held)
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         H, bias = couple_object(model, p, v, tau, cb, sb, work.links, work.tips, work.grasps, H, bias, refresh)
     symmetric_inverse(H, work.inverse)
     work.load[0], work.load[1], work.load[2] = tau[0] - bias[0], tau[1] - bias[1], tau[2] - bias[2]
@@ -228,7 +228,7 @@ def _solve(model, work, full):
     """
     load, acceleration = work.load, work.acceleration
     acceleration[0], acceleration[1], acceleration[2] = times(work.inverse, load[0], load[1], load[2])
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         solve_object(model, acceleration[0], acceleration[1], acceleration[2], full, work.grasps)
 
 
@@ -253,7 +253,7 @@ def _distribute(model, v, work, full, out):
     for i in range(model.omega2.shape[0]):
         rx, ry = _root_acceleration(model, i, ax, ay, alpha, w2)
         panel.expand(model, i, rx, ry, alpha, full, work.panels, out)
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         at, acceleration = model.at.object, work.grasps.acceleration
         out[at] = cb * acceleration[0] - sb * acceleration[1]
         out[at + 1] = sb * acceleration[0] + cb * acceleration[1]

@@ -137,7 +137,7 @@ def observe(task, reference, des, p, v, work, obs, refresh):
         _write(obs, at.tip_error + 2 * g, ch, sh, ex, ey)
         xd, yd = v[0] + cb * xd - sb * yd, v[1] + sb * xd + cb * yd
         _write(obs, at.tip_error_rate + 2 * g, ch, sh, des.xd - turn * gy - xd, des.yd + turn * gx - yd)
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         o = model.at.object
         _write(obs, at.object_error, ch, sh, des.x - p[o], des.y - p[o + 1])
         obs[at.object_angle_error] = wrap(des.heading + reference.phi - p[o + 2])

@@ -43,7 +43,7 @@ def measure_state(task, reference, des, p, v, energy, wrench, signals):
     signals: (N_SIGNALS,) written.
     """
     model = task.model
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         o = model.at.object
         signals[ERROR] = length(des.x - p[o], des.y - p[o + 1])
         signals[ATTITUDE] = abs(wrap(des.heading + reference.phi - p[o + 2]))
@@ -91,7 +91,7 @@ def measure_command(task, applied, q_flex, quasi_static, signals):
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(at.end):
-        saturated = where(abs(applied[k]) >= limit[k], 1.0, 0.0) if limit[k] > 0.0 else 0.0  # not the dead ones
+        saturated = where((abs(applied[k]) >= limit[k]) & (limit[k] > 0.0), 1.0, 0.0)  # not the dead ones
         if k < at.thrust:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += saturated / at.thrust

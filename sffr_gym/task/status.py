@@ -58,7 +58,7 @@ def status_of(task, p, v, work, obs):
             outcome = where(beyond, OUT_OF_RANGE, outcome)
             obs[k] = where(beyond, where(obs[k] > 0.0, task.bound[k], -task.bound[k]), obs[k])
     cp = sp = 0.0
-    if model.object_mass > 0.0:
+    if model.at.object < model.at.end:
         cp, sp = cos(p[model.at.object + 2]), sin(p[model.at.object + 2])
     for g in range(len(model.grasp_arm) - 1, -1, -1):
         outcome = where(_gap(model, g, p, v, cp, sp, work) > limits.gap, GRASP_LOST, outcome)

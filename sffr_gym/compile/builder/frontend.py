@@ -85,8 +85,8 @@ class Frontend:
         self._collect(library)
         self._wrappers.append(
             f'declare i32 @"{name}"(ptr, ptr, ptr)\n'
-            f"define void @{symbol}(ptr %words) {{\n  %result = alloca ptr\n  %exception = alloca ptr\n"
-            f'  %status = call i32 @"{name}"(ptr %result, ptr %exception, ptr %words)\n  ret void\n}}\n'
+            f"define i32 @{symbol}(ptr %words) {{\n  %result = alloca ptr\n  %exception = alloca ptr\n"
+            f'  %status = call i32 @"{name}"(ptr %result, ptr %exception, ptr %words)\n  ret i32 %status\n}}\n'
         )
 
     def module(self) -> Any:

@@ -21,6 +21,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
 
 from sffr_gym.compile.arguments import KINDS, LaneArray, Structures, interleaved
+from sffr_gym.compile.builder.lanes import DOUBLES, lanes
 from sffr_gym.compile.builder.lanes import LaneArray as LaneArrayType
 from sffr_gym.compile.lanes import WIDTH
 
@@ -108,6 +109,8 @@ class TypeMaker:
 
     def _array(self, value: np.ndarray) -> tuple[Any, int]:
         layout = "C" if value.flags.c_contiguous else "A"
+        if isinstance(value, LaneArray) and value.ndim == 1:
+            return lanes, 1
         if isinstance(value, LaneArray):
             return LaneArrayType(value.ndim - 1, layout), 2 * value.ndim - 1
         return types.Array(DTYPES[KINDS[value.dtype]], value.ndim, layout), 2 * value.ndim + 1
@@ -150,8 +153,8 @@ def load(context: Any, builder: Any, kind: Any, words: Any) -> Any:
     if isinstance(kind, View | Views | Columns):
         return words
     if isinstance(kind, types.Array):
-        ndim, lanes = kind.ndim, isinstance(kind, LaneArrayType)
-        size = 8 * WIDTH if lanes else 1 if kind.dtype == types.boolean else 8
+        ndim = kind.ndim
+        size = 8 * WIDTH if isinstance(kind, LaneArrayType) else 1 if kind.dtype == types.boolean else 8
         shape = [word(1 + k) for k in range(ndim)]
         if kind.layout == "C":
             strides: list[Any] = []
@@ -165,6 +168,10 @@ def load(context: Any, builder: Any, kind: Any, words: Any) -> Any:
         data = builder.inttoptr(word(0), context.get_data_type(kind.dtype).as_pointer())
         populate_array(array, data=data, shape=shape, strides=strides, itemsize=WORD(size), meminfo=None)
         return array._getvalue()
+    if kind == lanes:
+        loaded = builder.load(builder.inttoptr(word(0), DOUBLES.as_pointer()), align=8)
+        loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return loaded
     if kind == types.boolean:
         return builder.icmp_signed("!=", word(0), WORD(0))
     return builder.bitcast(word(0), ir.DoubleType()) if kind == types.float64 else word(0)
