@@ -252,6 +252,9 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
     def _make_stepper(self) -> DampingStepper:
         return DampingStepper(plants_of(self._fleet), self._batch, self.law, self._damping)
 
+    def _arrays(self) -> list[np.ndarray]:
+        return [*super()._arrays(), *self._damping]
+
     def _advance(self, actions: Array, active: Mask) -> None:
         super()._advance(actions, active)
         self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()

@@ -132,3 +132,18 @@ def check_seed(seed: Any) -> int | None:
 def is_whole(value: Any) -> bool:
     """Say whether a value is a whole number; True and False are none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def check_seeds(seed: int | Sequence[int | None] | None, n: int) -> list[int | None]:
+    """Return a seed for each of ``n`` environments, None for those that go on with their generator.
+
+    Raises:
+        ValueError: for another number of seeds.
+        gymnasium.error.Error: for a seed that is no whole number from 0 on.
+    """
+    if isinstance(seed, list | tuple | range | np.ndarray) and np.shape(seed):
+        if len(seed) != n:
+            raise ValueError(f"seed must be an integer or {n} of them, got {len(seed)}")
+        return [check_seed(each) for each in seed]
+    first = check_seed(seed)
+    return [None if first is None else first + i for i in range(n)]

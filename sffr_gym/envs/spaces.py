@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isnan
 from typing import Any
 
 import gymnasium as gym
@@ -40,7 +39,7 @@ def check_action(action: Any, shape: tuple[int, ...] | None) -> Array:
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, got {array.shape}")
     array = array.astype(np.float64, copy=False)
-    if isnan(np.vdot(array, array)):  # of squares, so that infinities do not cancel
+    if np.isnan(array).any():
         places = np.argwhere(np.isnan(array))
         raise ValueError(f"action has NaN at {(places.ravel() if array.ndim == 1 else places).tolist()}")
     return array

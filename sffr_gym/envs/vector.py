@@ -18,7 +18,7 @@ from sffr_gym.envs.arguments import (
     ParamsLike,
     ScenarioLike,
     check_options,
-    check_seed,
+    check_seeds,
     is_whole,
     observation_type,
     resolve_params,
@@ -34,6 +34,7 @@ from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import MOST_TICKS, check_batch, check_drawn, check_fleet, check_range
 from sffr_gym.render.trace import Past
 from sffr_gym.task.episode import Episode, draw, nominal
+from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.status import RUNNING
 from sffr_gym.task.task_model import make_task_model, plant_of
 from sffr_gym.types import Array
@@ -109,6 +110,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self._drawn: Drawn = {}
         self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
+        self._always: tuple[Scenario, list[np.ndarray]] | None = None  # start of every episode of a scenario
         self._all = np.ones(num_envs, dtype=np.bool_)
         self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every)
         self.metadata = {
@@ -131,7 +133,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
             gymnasium.error.Error: for a seed that is no whole number from 0 on.
         """
         asked = check_options(options, ("scenario", "reset_mask"))
-        mask, seeds = self._reset_mask(asked.get("reset_mask")), self._check_seeds(seed)
+        mask, seeds = self._reset_mask(asked.get("reset_mask")), check_seeds(seed, self.num_envs)
         if "scenario" in asked:
             self._scenario = self._checked_scenario(asked["scenario"])
         for i in np.flatnonzero(mask).tolist():
@@ -298,30 +300,35 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
             self._fleet = make_fleet(self.prior_task, self.num_envs)  # until here all were alike
             self._forget_stepper()
-        for i in np.flatnonzero(mask):
+        if self._always is not None and self._always[0] is scenario:
+            for array, start in zip(self._arrays(), self._always[1], strict=True):
+                array[mask] = start
+        else:
+            self._draw(scenario, np.flatnonzero(mask).tolist())
+        self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
+        self._done[mask] = False
+
+    def _draw(self, scenario: Scenario, rows: Sequence[int]) -> None:
+        """Draw and start episodes one by one; keep the start of a scenario that draws nothing for all further ones."""
+        for i in rows:
             episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
-                put_plant(self._fleet, int(i), plant_of(self.prior_task, episode))
-                self._stepper.put_plant(int(i), plant_at(self._fleet, int(i)))
-            self._start(int(i), episode)
+                put_plant(self._fleet, i, plant_of(self.prior_task, episode))
+                self._stepper.put_plant(i, plant_at(self._fleet, i))
+            self._start(i, episode)
             if self._renderers:
                 self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")
-                self._record([int(i)])
+                self._record([i])
             for name, value in episode.drawn.items():
                 values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
                 values[i], has[i] = value, True
             self._ticks[i] = episode.ticks if self._max_steps is None else min(episode.ticks, self._max_steps)
-        self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
-        self._done[mask] = False
+        if not (episode.drawn or self._renderers or len(self._fleet.numbers) > 1):
+            self._always = scenario, [array[i].copy() for array in self._arrays()]
 
-    def _check_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        """Return a seed for each environment, None for those that go on with their generator."""
-        if isinstance(seed, list | tuple | range | np.ndarray) and np.shape(seed):
-            if len(seed) != self.num_envs:
-                raise ValueError(f"seed must be an integer or {self.num_envs} of them, got {len(seed)}")
-            return [check_seed(each) for each in seed]
-        first = check_seed(seed)
-        return [None if first is None else first + i for i in range(self.num_envs)]
+    def _arrays(self) -> list[np.ndarray]:
+        """What the start of an episode sets, with a row for each environment."""
+        return [*self._batch, self._ticks]
 
     def _reset_mask(self, mask: Any) -> Mask:
         """The environments to reset."""
