@@ -58,7 +58,7 @@ def started(folder: Path, *arguments: object, **options: Any) -> Iterator[Comman
     """Start ``sffr`` in a folder, which is made if need be; whatever is left of it in the end is killed."""
     folder.mkdir(parents=True, exist_ok=True)
     process = subprocess.Popen(
-        [sys.executable, "-m", "sffr_workbench.cli.app", *map(str, arguments)], cwd=folder, text=True,
+        [sys.executable, "-m", "sffr_workbench.cli.main", *map(str, arguments)], cwd=folder, text=True,
         stderr=subprocess.PIPE, start_new_session=True,
         **{
             "stdout": subprocess.DEVNULL,

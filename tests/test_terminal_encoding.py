@@ -48,7 +48,7 @@ def test_tables_and_notes_are_written_in_every_encoding(name):
 @pytest.mark.parametrize("arguments", [["--help"], ["evaluate", "--help"], ["nonsense"], ["report", "not\udcff there"]])
 def test_help_and_errors_are_written_in_ascii(arguments, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "sffr_workbench.cli.app", *map(os.fsencode, arguments)],
+        [sys.executable, "-m", "sffr_workbench.cli.main", *map(os.fsencode, arguments)],
         env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == (0 if "--help" in arguments else 2)

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 def start(arguments, folder):
     """A command in a group of processes of its own."""
-    command = [sys.executable, "-m", "sffr_workbench.cli.app", *map(str, arguments), "--out", str(folder)]
+    command = [sys.executable, "-m", "sffr_workbench.cli.main", *map(str, arguments), "--out", str(folder)]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -198,6 +199,8 @@ def _essence(file: Path) -> Any:
     if file.suffix == ".npz":
         with np.load(file, allow_pickle=False) as arrays:
             return {name: (arrays[name].dtype.str, arrays[name].shape, arrays[name].tobytes()) for name in arrays.files}
+    if file.suffix == ".md":
+        return re.sub(rb"`sffr .*`", b"", content)  # the command as typed, whose folder is another one
     return content
 
 

@@ -1,0 +1,23 @@
+"""The command ``sffr`` as a process: an interrupt ends it without a traceback from its first moment on."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+INTERRUPTED = 130  # exit code after SIGINT, as shells have it
+
+
+def main() -> None:
+    """Run a command; what it was doing when an interrupt came is left as a killed process leaves it."""
+    try:
+        from sffr_workbench.cli.app import app  # takes half a second, in which somebody may change their mind
+
+        app()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)  # threads that still work would print tracebacks of their own
+
+
+if __name__ == "__main__":
+    main()
