@@ -23,7 +23,7 @@ class CompiledKernels(BuildHookInterface[Any]):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library, and tag the wheel with the platform that it is for."""
         root = Path(self.root)
-        paths = os.pathsep.join([str(root), str(root / "baselines")])
+        paths = os.pathsep.join(str(root / place) for place in (".", "baselines", "workbench"))
         levels = os.environ.get("SFFR_LEVELS", "").split()
         command = [sys.executable, "-m", "sffr_gym.compile.build", str(root / FOLDER), *levels]
         subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})

@@ -74,4 +74,4 @@ def _advance_plant() -> Exemplars:
 def _evaluate() -> Exemplars:
     for label, task in exemplar_tasks():
         p, memory = np.zeros(task.model.at.end), new_workspace(step_shapes(task.model))
-        yield label, (task.model, p, p, p, memory.dynamics, p)
+        yield label, (task.model, p, p, p, memory.dynamics, p, False)

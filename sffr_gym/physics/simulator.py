@@ -256,7 +256,7 @@ class Simulator:
         tau = self._forces(self.applied(**command))
         tau[:3] += wrench
         out = np.empty_like(tau)
-        evaluate(self.model, *self._flat(state), tau, self._work.dynamics, out)
+        evaluate(self.model, *self._flat(state), tau, self._work.dynamics, out, False)
         return tau, out
 
     def _forces(self, applied: Applied) -> Array:
@@ -327,9 +327,9 @@ def advance_plant(model, p, v, tau, duration, steps, integrator, work):
 
 
 @entry
-def evaluate(model, p, v, tau, work, out):
+def evaluate(model, p, v, tau, work, out, held):
     """Solve the equations of motion anywhere; see :func:`sffr_gym.physics.dynamics.accelerations`."""
-    accelerations(model, p, v, tau, work, out, False, True)
+    accelerations(model, p, v, tau, work, out, held, True)
 
 
 def unflatten(model: Model, t: float, p: Array, v: Array) -> State:
