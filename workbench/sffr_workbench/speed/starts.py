@@ -21,7 +21,7 @@ DAMPING = STEP.format(f"gymnasium.make_vec('SFFRFlexDamping-v0', num_envs={NUM_E
 def starts(repeats: int, quick: bool) -> Section:
     """Measure the import, and starts to the first step of one environment and of a batch with a law inside [s].
 
-    Nothing is compiled then: the package brings its kernels compiled. ``quick`` changes nothing.
+    Nothing is compiled then: the package brings its kernels compiled. It takes seconds, so ``quick`` changes nothing.
     """
     contenders = {"single": lambda: _until_step(SINGLE), "damping": lambda: _until_step(DAMPING), "import": _import}
     names = {
