@@ -13,13 +13,13 @@ from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.envs.batch import group_memory, group_shapes, make_batch, put_episode, step_range
 from sffr_gym.physics.dynamics import work_shapes
 from sffr_gym.physics.integrator import INTEGRATORS, step_shapes
-from sffr_gym.task.control_period import period_shapes
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.status import RUNNING
 from sffr_workbench.speed.circle import Loop, close_loop, make_course
-from sffr_workbench.speed.kernels.loops import observe_often, replay, solve_motion
+from sffr_workbench.speed.kernels.loops import replay, solve_motion
 
 PERIODS = 500
 
@@ -55,9 +55,11 @@ def test_equations_of_motion(benchmark, course, forces):
 
 
 def test_observation(benchmark, course):
-    obs, signals, work = np.zeros(len(course.obs)), np.zeros(N_SIGNALS), new_workspace(period_shapes(course.plant))
-    benchmark(observe_often.bind(course.plant, course.reference, course.p, course.v, work, obs, signals, PERIODS))
-    assert np.isfinite(obs).all() and obs.any()
+    plant, rows, signals = course.plant, (PERIODS, 1), np.zeros(N_SIGNALS)
+    t, p, v = plant.period * np.arange(PERIODS), np.tile(course.p, rows), np.tile(course.v, rows)
+    obs, work = np.zeros((PERIODS, len(course.obs))), new_workspace(period_shapes(plant))
+    benchmark(observe_states.bind(plant, course.reference, t, p, v, work, obs, signals))
+    assert np.isfinite(obs).all() and obs.any(axis=1).all()
 
 
 def test_control_law(benchmark, course):

@@ -17,12 +17,12 @@ from sffr_baselines.closed_loop import act, act_shapes, make_record
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range
-from sffr_gym.task.control_period import period_shapes
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_workbench.speed.circle import Course, Loop, close_loop, drive, make_course
-from sffr_workbench.speed.kernels.loops import observe_often, solve_motion
+from sffr_workbench.speed.kernels.loops import solve_motion
 from sffr_workbench.speed.measure import Contender, Row, Section, one_core, rounds, seconds
 from sffr_workbench.speed.rates import PASSES, operation_times
 
@@ -115,8 +115,9 @@ def _kernels(course: Course) -> dict[str, Contender]:
         "law": act.bind(
             law, tick, observations, B_hat, np.ones_like(B_hat), actions, new_workspace(act_shapes(law))
         ),
-        "view": observe_often.bind(
-            plant, course.reference, course.p, v, work, course.obs.copy(), signals, periods
+        "view": observe_states.bind(  # each in a place of its own, so that nothing can be left out
+            plant, course.reference, plant.period * np.arange(periods), np.tile(p, (periods, 1)),
+            np.tile(v, (periods, 1)), work, observations.copy(), signals,
         ),
         "loop": Loop(course, plant, law, make_record(plant, periods, 1)),
     }  # fmt: skip

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sffr_gym.compile.workspace import new_workspace
-from sffr_gym.config.params import load_params
 from sffr_gym.envs.exemplars import Exemplars, exemplar_tasks
 from sffr_gym.physics.integrator import step_shapes
-from sffr_gym.task.control_period import period_shapes
-from sffr_gym.task.reference import circle_reference
-from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.task_model import TaskModel
 from sffr_workbench.speed.kernels.loops import (
     cosine,
@@ -18,7 +14,6 @@ from sffr_workbench.speed.kernels.loops import (
     forces_of,
     multiply_add,
     multiply_add_chain,
-    observe_often,
     replay,
     solve_motion,
     square_root,
@@ -50,14 +45,6 @@ def _solve_motion() -> Exemplars:
     model = _plant().model
     p, work = np.zeros(model.at.end), new_workspace(step_shapes(model))
     yield LABEL, (model, p, p, p, work.dynamics, p, 1)
-
-
-@observe_often.shown_by
-def _observe_often() -> Exemplars:
-    plant = _plant()
-    p, obs, work = np.zeros(plant.model.at.end), np.zeros(len(plant.bound)), new_workspace(period_shapes(plant))
-    reference = circle_reference(load_params(), plant.model, p)
-    yield LABEL, (plant, reference, p, p, work, obs, np.zeros(N_SIGNALS), 1)
 
 
 def _operations() -> Exemplars:

@@ -9,7 +9,6 @@ from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.actuators import generalized_forces, saturate
 from sffr_gym.physics.dynamics import accelerations
 from sffr_gym.physics.integrator import advance
-from sffr_gym.task.control_period import observe_state
 
 
 @entry
@@ -45,16 +44,6 @@ def solve_motion(model, p, v, tau, work, out, count):
     for _ in range(count):
         p[2] += 1.0e-9
         accelerations(model, p, v, tau, work, out, False, True)
-
-
-@entry
-def observe_often(plant, reference, p, v, work, obs, signals, count):
-    """Observe and measure a state ``count`` times, each at another time.
-
-    Arguments as in :func:`sffr_gym.task.control_period.observe_state`.
-    """
-    for k in range(count):
-        observe_state(plant, reference, k * plant.period, p, v, work, obs, signals)
 
 
 @entry
