@@ -23,7 +23,8 @@ class CompiledKernels(BuildHookInterface[Any]):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library, and tag the wheel with the platform that it is for."""
         root = Path(self.root)
-        paths = os.pathsep.join([str(root), str(root / "baselines"), os.environ.get("PYTHONPATH", "")])
+        places = [str(root / place) for place in (".", "baselines", "workbench")]
+        paths = os.pathsep.join([*places, os.environ.get("PYTHONPATH", "")])
         levels = os.environ.get("SFFR_LEVELS", "").split()
         command = [sys.executable, "-m", "sffr_gym.compile.builder", str(root / FOLDER), *levels]
         subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})

@@ -5,9 +5,9 @@ import re
 from html.parser import HTMLParser
 from importlib import import_module
 
-import numba
 import pytest
 
+from sffr_gym.compile.library import load_library
 from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.verify import Check, CheckFigure, run_checks, suite, write_page
 from sffr_workbench.verify.check import make_check, relative, rms
@@ -40,7 +40,7 @@ def passing(name="what", **changes):
 def test_section_passes(name, libraries):
     for library in libraries:
         pytest.importorskip(library)
-    if numba.config.DISABLE_JIT and name in INTEGRATING:
+    if load_library() is None and name in INTEGRATING:
         pytest.skip("not compiled")
     for function in import_module(f"sffr_workbench.verify.{name}").checks(quick=True):
         check = function()
@@ -114,6 +114,14 @@ def test_a_simulator_that_does_not_run_is_a_failure(monkeypatch):
     monkeypatch.setattr(suite, "Simulator", no_simulator)
     (failed,) = run_checks(quick=True, sections=[])
     assert not failed.passed and failed.note == "FloatingPointError: not finite"
+
+
+def test_missing_compiled_code_is_a_failure(monkeypatch):
+    """Else every check would pass on kernels that run as Python, which are not what they are about."""
+    monkeypatch.setattr(suite, "load_library", lambda: None)
+    monkeypatch.setattr(suite, "is_interpreted", lambda: False)
+    (failed,) = run_checks(quick=True, sections=[])
+    assert not failed.passed and "no compiled code" in failed.note
 
 
 def test_page_has_every_check_and_figure(tmp_path):

@@ -80,7 +80,7 @@ def load_library() -> Library | None:
 
     Builds it first, with a line on stderr, if it is missing or its sources have changed, as they do in a checkout.
     """
-    if os.environ.get(INTERPRETED, "0") != "0":
+    if is_interpreted():
         return None
     try:
         manifest = _built_manifest()
@@ -92,6 +92,11 @@ def load_library() -> Library | None:
             stacklevel=2,
         )
         return None
+
+
+def is_interpreted() -> bool:
+    """Say whether ``SFFR_INTERPRETED`` asks for kernels that run as Python."""
+    return os.environ.get(INTERPRETED, "0") != "0"
 
 
 def _built_manifest() -> dict[str, Any]:

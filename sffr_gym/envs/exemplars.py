@@ -75,4 +75,4 @@ def _advance_plant() -> Exemplars:
 def _evaluate() -> Exemplars:
     task = exemplar_task()
     p, memory = np.zeros(task.model.at.end), new_workspace(step_shapes(task.model))
-    yield PLAIN, (task.model, p, p, p, memory.dynamics, p)
+    yield PLAIN, (task.model, p, p, p, memory.dynamics, p, False)

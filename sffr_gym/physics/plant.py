@@ -19,9 +19,9 @@ def advance_plant(model, p, v, tau, duration, steps, integrator, work):
 
 
 @entry
-def evaluate(model, p, v, tau, work, out):
+def evaluate(model, p, v, tau, work, out, held):
     """Solve the equations of motion anywhere; see :func:`sffr_gym.physics.dynamics.accelerations`."""
-    accelerations(model, p, v, tau, work, out, False, True)
+    accelerations(model, p, v, tau, work, out, held, True)
 
 
 class Plant:
@@ -39,7 +39,7 @@ class Plant:
         self.work = new_workspace(step_shapes(model))
         self._model, self._integrator = model, integrator
         self._p, self._v, self._tau, self._a = (np.zeros(model.at.end) for _ in range(4))
-        self._evaluate = evaluate.bind(model, self._p, self._v, self._tau, self.work.dynamics, self._a)
+        self._evaluate = evaluate.bind(model, self._p, self._v, self._tau, self.work.dynamics, self._a, False)
         self._advance, self._duration = self._evaluate, 0.0  # another call as soon as a duration is known
 
     def accelerations(self, p: Array, v: Array, tau: Array) -> Array:

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import act, act_shapes, loop_shapes, make_record
-from sffr_gym.compile.workspace import allocate
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_range
-from sffr_gym.envs.fleet import make_fleet
+from sffr_baselines.closed_loop import act, act_shapes, make_record
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.envs.batch import group_memory, group_shapes, make_batch, put_episode, step_range
 from sffr_gym.physics.dynamics import work_shapes
 from sffr_gym.physics.integrator import INTEGRATORS, step_shapes
-from sffr_gym.task.control_period import period_shapes
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.status import RUNNING
-from sffr_workbench.speed.circle import close_loop, make_course
-from sffr_workbench.speed.kernels.loops import observe_often, replay, solve_motion
+from sffr_workbench.speed.circle import Loop, close_loop, make_course
+from sffr_workbench.speed.kernels.loops import replay, solve_motion
 
 PERIODS = 500
 
@@ -36,50 +36,52 @@ def forces(course):
 
 @pytest.mark.parametrize(("integrator", "steps"), [("etdrk4", 1), ("rk4", 4)])
 def test_integration(benchmark, course, forces, integrator, steps):
-    model, period, work = course.plant.model, course.plant.period, allocate(step_shapes(course.plant.model))[0]
-    kept = np.zeros((1, len(course.p)))
+    model, period, work = course.plant.model, course.plant.period, new_workspace(step_shapes(course.plant.model))
+    p, v, kept = course.p.copy(), course.v.copy(), np.zeros((1, len(course.p)))
+    call = replay.bind(model, forces, period, steps, INTEGRATORS[integrator], work, p, v, PERIODS, kept)
 
     def periods():
-        kernel = INTEGRATORS[integrator]
-        replay(model, forces, period, steps, kernel, work, course.p.copy(), course.v.copy(), PERIODS, kept)
+        p[:], v[:] = course.p, course.v
+        call()
 
     benchmark(periods)
     assert np.abs(kept[0] - course.p).max() > 0.1
 
 
 def test_equations_of_motion(benchmark, course, forces):
-    out = np.zeros(len(course.p))
-    work = allocate(work_shapes(course.plant.model))[0]
-    benchmark(lambda: solve_motion(course.plant.model, course.p.copy(), course.v, forces[0], work, out, PERIODS))
+    out, work = np.zeros(len(course.p)), new_workspace(work_shapes(course.plant.model))
+    benchmark(solve_motion.bind(course.plant.model, course.p.copy(), course.v, forces[0], work, out, PERIODS))
     assert np.isfinite(out).all() and out.any()
 
 
 def test_observation(benchmark, course):
-    obs, signals, buffers = np.zeros(len(course.obs)), np.zeros(N_SIGNALS), allocate(period_shapes(course.plant))[0]
-    benchmark(lambda: observe_often(course.plant, course.reference, course.p, course.v, buffers, obs, signals, PERIODS))
-    assert np.isfinite(obs).all() and obs.any()
+    plant, rows, signals = course.plant, (PERIODS, 1), np.zeros(N_SIGNALS)
+    t, p, v = plant.period * np.arange(PERIODS), np.tile(course.p, rows), np.tile(course.v, rows)
+    obs, work = np.zeros((PERIODS, len(course.obs))), new_workspace(period_shapes(plant))
+    benchmark(observe_states.bind(plant, course.reference, t, p, v, work, obs, signals))
+    assert np.isfinite(obs).all() and obs.any(axis=1).all()
 
 
 def test_control_law(benchmark, course):
     policy = make_policy("ahsc", course.params)
     obs, actions = np.tile(course.obs, (PERIODS, 1)), np.zeros((PERIODS, len(course.plant.scale)))
-    B_hat = np.tile(policy.initial_damping(), (PERIODS, 1, 1))
-    block = allocate(act_shapes(policy.law))[0]
-    benchmark(lambda: act(policy.law, 0, obs, B_hat, np.ones_like(B_hat), actions, block))
+    B_hat, tick = np.tile(policy.initial_damping(), (PERIODS, 1, 1)), np.zeros(1, dtype=np.int64)
+    benchmark(
+        act.bind(policy.law, tick, obs, B_hat, np.ones_like(B_hat), actions, new_workspace(act_shapes(policy.law)))
+    )
     assert np.isfinite(actions).all() and actions.any()
 
 
 def test_closed_loop(benchmark, course):
     policy, record = make_policy("ahsc", course.params), make_record(course.plant, course.ticks, 1)
-    block = allocate(loop_shapes(course.plant, policy.law))[0]
-    assert benchmark(lambda: course.control(course.plant, policy.law, block, record)) == (PERIODS, RUNNING)
+    assert benchmark(Loop(course, course.plant, policy.law, record)) == (PERIODS, RUNNING)
 
 
 def test_batch(benchmark, course):
-    fleet, batch, rng = make_fleet(course.plant), make_batch(course.plant, PERIODS), np.random.default_rng(0)
-    memory = batch_memory(course.plant, PERIODS)
+    plants, batch, rng = Structures([course.plant]), make_batch(course.plant, PERIODS), np.random.default_rng(0)
     for i in range(PERIODS):
-        start_episode(fleet, batch, memory, i, draw(load_scenario("excited"), nominal(course.params), rng))
+        put_episode(batch, i, draw(load_scenario("excited"), nominal(course.params), rng))
     actions, active = np.zeros((PERIODS, len(course.plant.scale))), np.ones(PERIODS, dtype=np.bool_)
-    benchmark(lambda: step_range(fleet, batch, actions, active, memory.plain[0], memory.plain[0], 0, PERIODS))
+    memory = group_memory(group_shapes(course.plant), 1)
+    benchmark(step_range.bind(plants, batch, actions, active, *memory, 0, PERIODS))
     assert (batch.tick > 0).all()

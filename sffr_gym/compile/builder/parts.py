@@ -11,8 +11,8 @@ from sffr_gym.compile.builder.frontend import Frontend, register_kernels
 from sffr_gym.compile.kernels import ENTRIES
 
 # What has entries, of all packages that are installed; the layers above sffr_gym are named here alone.
-MODULES = ("sffr_gym.envs.exemplars", "sffr_baselines.exemplars")
-SOURCES = ("sffr_gym.compile.lanes", "sffr_gym.compile.arguments", *(
+MODULES = ("sffr_gym.envs.exemplars", "sffr_baselines.exemplars", "sffr_workbench.speed.kernels.exemplars")
+SOURCES = (*MODULES, "sffr_gym.compile.lanes", "sffr_gym.compile.arguments", *(
     f"sffr_gym.compile.builder.{name}" for name in ("emission", "frontend", "lanes", "options", "parts", "views")
 ))  # fmt: skip
 

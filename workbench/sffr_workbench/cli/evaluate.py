@@ -59,8 +59,7 @@ def evaluate_command(
 ) -> None:
     """Run policies on the same episodes of a scenario, measure them, and leave a run folder.
 
-    Prints a table; writes summary.json, episodes.csv, manifest.json and figures. The first run ever compiles the
-    simulator for this machine, which takes one to two minutes.
+    Prints a table; writes summary.json, episodes.csv, manifest.json and figures.
     """
     notes, results = consoles(quiet)
     out, draw = out or dated_folder(Path(scenario).stem), figures and can_draw(notes)

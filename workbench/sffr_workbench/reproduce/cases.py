@@ -45,7 +45,7 @@ class CaseRuns:
     trajectories: Mapping[Case, Trajectory]  #: of the cases with the gains of Table IV
     measures: Mapping[Case, Mapping[str, float]]  #: of every case, see ``metrics.MEASURES``
     bare: Trajectory  #: the robot without panels
-    elapsed: float  #: what the run of AHSC took on one core [s], compiled before
+    elapsed: float  #: what the run of AHSC took on one core [s]
 
     @property
     def model(self) -> Model:

@@ -7,7 +7,6 @@ engine's part alone.
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -15,14 +14,13 @@ import numpy as np
 from sffr_baselines import make_policy
 from sffr_baselines.closed_loop import Law, Record, loop_shapes, make_record, run
 from sffr_baselines.laws import LawPolicy
-from sffr_gym.compile.workspace import allocate, new_workspace
+from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.physics.actuators import generalized_forces, saturate
 from sffr_gym.physics.integrator import ETDRK4, step_shapes
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import joint_slice, object_slice
-from sffr_gym.task.control_period import observe_state, period_shapes
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.signals import N_SIGNALS
@@ -30,6 +28,7 @@ from sffr_gym.task.status import RUNNING
 from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array
 from sffr_workbench.speed.kernels.loops import forces_of, replay
+from sffr_workbench.speed.measure import seconds
 
 CHECKPOINTS = 50  # of the circle, at which engines are compared
 
@@ -50,19 +49,39 @@ class Course(NamedTuple):
         """The desired motion."""
         return self.episode.reference
 
-    def control(self, plant: TaskModel, law: Law, block: Array, record: Record) -> tuple[int, int]:
-        """Drive the plant along the course in the compiled loop; return the periods that ran and the status."""
-        p, v, obs, episode = self.p.copy(), self.v.copy(), self.obs.copy(), self.episode
-        B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
-        return run(
-            plant, episode.reference, episode.sensing, episode.impulses, law, block, 0, self.ticks, p, v, obs, B_hat,
-            np.ones_like(B_hat), record,
-        )  # fmt: skip
-
     @property
     def every(self) -> int:
         """Control periods between two checkpoints."""
         return max(self.ticks // CHECKPOINTS, 1)
+
+
+class Loop:
+    """The compiled loop of law and plant along a course: a call drives all of it, from the start.
+
+    Args:
+        course: where it starts, and how far it goes.
+        plant: the robot.
+        law: its controller.
+        record: written by each drive.
+    """
+
+    def __init__(self, course: Course, plant: TaskModel, law: Law, record: Record) -> None:
+        B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
+        self._start = course.p, course.v, course.obs, B_hat
+        self._state = tuple(each.copy() for each in self._start)
+        self._outcome, episode = np.zeros(2), course.episode
+        self._run = run.bind(
+            plant, episode.reference, episode.sensing, episode.impulses, law, new_workspace(loop_shapes(plant, law)), 0,
+            course.ticks, *self._state, np.ones_like(B_hat), record, self._outcome,
+        )  # fmt: skip
+
+    def __call__(self) -> tuple[int, int]:
+        """Drive; return the periods that ran and the status of the last one."""
+        for array, start in zip(self._state, self._start, strict=True):
+            array[...] = start
+        self._run()
+        done, status = self._outcome
+        return int(done), int(status)
 
 
 class Drive(NamedTuple):
@@ -106,42 +125,48 @@ def close_loop(course: Course, integrator: int = ETDRK4, steps: int = 1) -> Arra
     """
     plant, ticks = course.plant._replace(integrator=integrator, steps=steps), course.ticks
     law, record = _law(course).law, make_record(plant, ticks, 1)
-    done, outcome = course.control(plant, law, allocate(loop_shapes(plant, law))[0], record)
-    if outcome != RUNNING:
+    done, status = Loop(course, plant, law, record)()
+    if status != RUNNING:
         raise RuntimeError(f"the drive ended in period {done} of {ticks}")
     forces = np.zeros((ticks, plant.model.at.end))
-    forces_of(plant.model, plant.actuators, record.applied, forces)
+    forces_of(plant.model, plant.actuators, record.applied, record.applied, forces)
     return forces
 
 
 def drive(course: Course, forces: Array, integrator: int = ETDRK4, steps: int = 1) -> Drive:
     """Repeat a drive from its forces, physics alone; with the same integrator and steps it is the same to the bit."""
     model, p, v = course.plant.model, course.p.copy(), course.v.copy()
-    kept, block = np.zeros((len(forces) // course.every, len(p))), allocate(step_shapes(model))[0]
-    rest = course.plant.period, steps, integrator, block, p, v, course.every, kept
-    replay(model, forces[:0], *rest)  # compiled, or loaded, before the clock starts
-    start = perf_counter()
-    replay(model, forces, *rest)
-    elapsed = perf_counter() - start
-    return Drive(elapsed, *shared_coordinates(course, kept))
+    kept, work = np.zeros((len(forces) // course.every, len(p))), new_workspace(step_shapes(model))
+    call = replay.bind(model, forces, course.plant.period, steps, integrator, work, p, v, course.every, kept)
+    return Drive(seconds(call), *shared_coordinates(course, kept))
 
 
 class Controller:
-    """AHSC for an engine that Python steps: positions and velocities in, what the actuators do out, once a period."""
+    """AHSC for an engine that Python steps: positions and velocities in, what the actuators do out, once a period.
+
+    Attributes:
+        applied: (n_u,) piezo volts, base wrench (base axes), joint torques.
+        tau: (n,) the same as generalised forces.
+    """
 
     def __init__(self, course: Course) -> None:
-        self._course, self._law = course, _law(course)
-        self._work, self._obs = new_workspace(period_shapes(course.plant)), course.obs.copy()
-        self._signals = np.zeros(N_SIGNALS)
-        self.applied = np.zeros(len(course.plant.scale))  # piezo volts, base wrench (base axes), joint torques
-        self.tau = np.zeros(len(course.p))  # the same as generalised forces
+        plant, self._law = course.plant, _law(course)
+        self._plant, self._t, self._obs = plant, np.zeros(1), course.obs[None].copy()
+        self._p, self._v = np.zeros((2, 1, len(course.p)))
+        self._command, applied, tau = np.zeros((1, len(plant.scale))), np.zeros((1, len(plant.scale))), 0.0 * self._p
+        self.applied, self.tau = applied[0], tau[0]
+        work, signals = new_workspace(period_shapes(plant)), np.zeros(N_SIGNALS)
+        self._observe = observe_states.bind(
+            plant, course.reference, self._t, self._p, self._v, work, self._obs, signals
+        )  # fmt: skip
+        self._apply = forces_of.bind(plant.model, plant.actuators, self._command, applied, tau)
 
     def __call__(self, tick: int, p: Array, v: Array) -> None:
         """Set ``applied`` and ``tau`` for the period that starts now."""
-        course, plant = self._course, self._course.plant
-        observe_state(plant, course.reference, tick * plant.period, p, v, self._work, self._obs, self._signals)
-        saturate(plant.actuators, self._law(self._obs) * plant.scale, self.applied)
-        generalized_forces(plant.model, plant.actuators, self.applied, self.tau)
+        self._t[0], self._p[0], self._v[0] = tick * self._plant.period, p, v
+        self._observe()
+        self._command[0] = self._law(self._obs[0]) * self._plant.scale
+        self._apply()
 
 
 def _law(course: Course) -> LawPolicy:

@@ -1,7 +1,8 @@
 """Counts the floating-point operations of a control period: the kernels as plain Python on numbers that count.
 
-Run as ``NUMBA_DISABLE_JIT=1 python -m sffr_workbench.speed.count``: without compilation a kernel is the Python
-function that it was written as, and works on arrays of any kind of number. Prints a JSON object, part by part.
+Run as ``python -m sffr_workbench.speed.count``, in a process of its own, since the kernels' modules get other functions
+of ``math``. A kernel that is called by itself is the Python function that it was written as, and works on arrays of any
+kind of number. Prints a JSON object, part by part.
 """
 
 from __future__ import annotations

@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import loop_shapes, make_record
+from sffr_baselines.closed_loop import make_record
 from sffr_baselines.laws import LawPolicy
-from sffr_gym.compile.workspace import allocate
 from sffr_gym.types import Array
-from sffr_workbench.speed.circle import Course, close_loop, drive, make_course
+from sffr_workbench.speed.circle import Course, Loop, close_loop, drive, make_course
 from sffr_workbench.speed.measure import Row, Section, one_core, rounds, seconds
 from sffr_workbench.speed.mujoco_circle import MujocoPlant
 from sffr_workbench.speed.scipy_circle import ScipyPlant
@@ -63,10 +62,10 @@ def closed_loop(repeats: int, quick: bool) -> Section:
     course = make_course(QUICK_PERIODS * STEP if quick else None)
     law, record = make_policy("ahsc", course.params), make_record(course.plant, course.ticks, 1)
     assert isinstance(law, LawPolicy)
-    block = allocate(loop_shapes(course.plant, law.law))[0]
+    loop = Loop(course, course.plant, law.law, record)
 
     def once() -> float:
-        return course_time(course) / seconds(lambda: course.control(course.plant, law.law, block, record))
+        return course_time(course) / seconds(loop)
 
     with one_core():
         samples = rounds({"ahsc": once}, repeats)["ahsc"]

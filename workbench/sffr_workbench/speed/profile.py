@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -14,16 +13,16 @@ import gymnasium as gym
 import numpy as np
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import act, act_shapes, loop_shapes, make_record
-from sffr_gym.compile.workspace import allocate
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch
-from sffr_gym.envs.fleet import make_fleet
-from sffr_gym.task.control_period import period_shapes
+from sffr_baselines.closed_loop import act, act_shapes, make_record
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range
+from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
-from sffr_workbench.speed.circle import Course, close_loop, drive, make_course
-from sffr_workbench.speed.kernels.loops import observe_often, solve_motion
+from sffr_workbench.speed.circle import Course, Loop, close_loop, drive, make_course
+from sffr_workbench.speed.kernels.loops import solve_motion
 from sffr_workbench.speed.measure import Contender, Row, Section, one_core, rounds, seconds
 from sffr_workbench.speed.rates import PASSES, operation_times
 
@@ -86,15 +85,9 @@ def floor(count: Mapping[str, float], rates: Mapping[str, float]) -> dict[str, f
 
 
 def _counts(steps: int) -> dict[str, dict[str, float]]:
-    """Count the operations of every part of a control period in a process without compilation."""
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-m", "sffr_workbench.speed.count"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    """Count the operations of every part of a control period, in a process whose kernels count."""
+    command = [sys.executable, "-m", "sffr_workbench.speed.count"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     raw = {name: np.array(list(kinds.values())) for name, kinds in json.loads(done.stdout).items()}
     parts = {
         "equations": STAGES * steps * raw["equations"],
@@ -110,24 +103,23 @@ def _counts(steps: int) -> dict[str, dict[str, float]]:
 
 def _kernels(course: Course) -> dict[str, Contender]:
     """Return the parts of the closed loop [us per control period], each as often as the course has periods."""
-    plant, reference, periods, n = course.plant, course.reference, course.ticks, len(course.p)
+    plant, periods, p, v = course.plant, course.ticks, course.p.copy(), course.v
     policy: Any = make_policy("ahsc", course.params)
-    forces, block, record = close_loop(course), allocate(period_shapes(plant))[0], make_record(plant, periods, 1)
-    loop, acting = allocate(loop_shapes(plant, policy.law))[0], allocate(act_shapes(policy.law))[0]
+    law, forces, work = policy.law, close_loop(course), new_workspace(period_shapes(plant))
     observations, B_hat = np.tile(course.obs, (periods, 1)), np.tile(policy.initial_damping(), (periods, 1, 1))
-    actions, out, signals = np.empty((periods, len(plant.scale))), np.empty(n), np.zeros(N_SIGNALS)
-
-    def equations() -> None:
-        count = STAGES * plant.steps * periods
-        solve_motion(plant.model, course.p.copy(), course.v, forces[0], block, out, count)
-
+    actions, tick, signals = np.empty((periods, len(plant.scale))), np.zeros(1, dtype=np.int64), np.zeros(N_SIGNALS)
     timed: dict[str, Callable[[], Any]] = {
-        "equations": equations,
-        "law": lambda: act(policy.law, 0, observations, B_hat, np.ones_like(B_hat), actions, acting),
-        "view": lambda: observe_often(
-            plant, reference, course.p, course.v, block, course.obs.copy(), signals, periods
+        "equations": solve_motion.bind(
+            plant.model, p, v, forces[0], work.step.dynamics, np.empty_like(p), STAGES * plant.steps * periods
         ),
-        "loop": lambda: course.control(plant, policy.law, loop, record),
+        "law": act.bind(
+            law, tick, observations, B_hat, np.ones_like(B_hat), actions, new_workspace(act_shapes(law))
+        ),
+        "view": observe_states.bind(  # each in a place of its own, so that nothing can be left out
+            plant, course.reference, plant.period * np.arange(periods), np.tile(p, (periods, 1)),
+            np.tile(v, (periods, 1)), work, observations.copy(), signals,
+        ),
+        "loop": Loop(course, plant, law, make_record(plant, periods, 1)),
     }  # fmt: skip
     contenders: dict[str, Contender] = {name: _per_period(part, periods) for name, part in timed.items()}
     contenders["step"] = lambda: 1e6 * drive(course, forces, plant.integrator, plant.steps).seconds / periods
@@ -141,12 +133,12 @@ def _interface(quick: bool) -> dict[str, Contender]:
     bare: Any = made.unwrapped
     made.reset(seed=0)
     plant, still = bare.plant_task, np.zeros(len(bare.plant_task.scale), dtype=np.float32)
-    fleet, batch, memory = make_fleet(plant), make_batch(plant, 1), batch_memory(plant, 1)
-    actions, active = still[None].astype(np.float64), np.ones(1, dtype=np.bool_)
-    episode = draw(load_scenario("nominal"), nominal(bare.params), np.random.default_rng(0))
-    start_episode(fleet, batch, memory, 0, episode)
+    batch = make_batch(plant, 1)
+    put_episode(batch, 0, draw(load_scenario("nominal"), nominal(bare.params), np.random.default_rng(0)))
+    stepper = Stepper(step_range, Structures([plant]), batch, len(still), group_shapes(plant))
+    stepper.observe(0)
     steps: dict[str, Callable[[], Any]] = {
-        "batch": lambda: step_batch(fleet, batch, memory, actions, active),
+        "batch": stepper.step,
         "env": lambda: bare.step(still),
         "made": lambda: made.step(still),
     }

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from sffr_gym.compile.workspace import new_workspace
-from sffr_gym.physics.dynamics import accelerations, work_shapes
+from sffr_gym.physics.dynamics import work_shapes
+from sffr_gym.physics.plant import evaluate
 from sffr_gym.types import Array
 from sffr_workbench.speed.circle import Controller, Course, Drive, shared_coordinates
 
@@ -32,13 +33,17 @@ class ScipyPlant:
 
     def __init__(self, course: Course, method: str, rtol: float) -> None:
         self._course, self._method, self._rtol = course, method, rtol
-        self._work, self._tau = new_workspace(work_shapes(course.plant.model)), np.zeros(len(course.p))
+        model, n = course.plant.model, len(course.p)
+        self._p, self._v, self._tau, self._rate = np.zeros((4, n))
+        self._evaluate = evaluate.bind(
+            model, self._p, self._v, self._tau, new_workspace(work_shapes(model)), self._rate, False
+        )  # fmt: skip
         self.y = np.concatenate([course.p, course.v])
         self.evaluations = 0
 
     def advance(self, tau: Array) -> None:
         """Advance by a control period under held generalised forces ``tau`` (n,)."""
-        self._tau, period = tau, self._course.plant.period
+        self._tau[:], period = tau, self._course.plant.period
         done = solve_ivp(
             self._rates, (0.0, period), self.y, self._method, t_eval=(period,), first_step=period / 2,
             rtol=self._rtol, atol=self._rtol * ABSOLUTE,
@@ -65,8 +70,6 @@ class ScipyPlant:
         return Drive(total, *shared_coordinates(course, np.array(rows)))
 
     def _rates(self, t: float, y: Array) -> Array:
-        n = len(self._tau)
-        rates = np.empty_like(y)
-        rates[:n] = y[n:]
-        accelerations(self._course.plant.model, y[:n], y[n:], self._tau, self._work, rates[n:], False, True)
-        return rates
+        self._p[:], self._v[:] = np.split(y, 2)
+        self._evaluate()
+        return np.concatenate([self._v, self._rate])

@@ -1,45 +1,44 @@
-"""How long it takes to import the package, and from starting Python to the first step, with and without a cache."""
+"""How long the import takes, and from starting Python to the first step of one environment and of many."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-import tempfile
 from time import perf_counter
 
-from sffr_workbench.speed.measure import Row, Section
+from sffr_workbench.speed.measure import Row, Section, rounds
 
+NUM_ENVS = 64  # of SFFRFlexDamping-v0
 IMPORT = "import time; start = time.perf_counter(); import sffr_gym; print(time.perf_counter() - start)"
 STEP = (
-    "import gymnasium, sffr_gym; env = gymnasium.make('SFFRFlex-v0'); env.reset(seed=0); "
+    "import gymnasium, sffr_gym; env = {}; env.reset(seed=0); "
     "env.step(env.action_space.sample()); print('stepped', flush=True)"
 )
+SINGLE = STEP.format("gymnasium.make('SFFRFlex-v0')")
+DAMPING = STEP.format(f"gymnasium.make_vec('SFFRFlexDamping-v0', num_envs={NUM_ENVS})")
 
 
 def starts(repeats: int, quick: bool) -> Section:
-    """Measure the import, and the first and later starts to the first step of ``gym.make("SFFRFlex-v0")`` [s].
+    """Measure the import, and starts to the first step of one environment and of a batch with a law inside [s].
 
-    ``quick`` leaves out the first start, which compiles the simulator.
+    Nothing is compiled then: the package brings its kernels compiled. It takes seconds, so ``quick`` changes nothing.
     """
-    with tempfile.TemporaryDirectory() as empty:
-        # numba's cache where the package puts it
-        environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-        rows = []
-        if not quick:
-            environment["XDG_CACHE_HOME"] = empty
-            rows.append(Row("first", "first start to first step, nothing compiled", "s", (_until_step(environment),)))
-        _until_step(environment)  # reads from disk what the next ones find in memory
-        later = tuple(_until_step(environment) for _ in range(repeats))
-        imports = tuple(float(_run(IMPORT, environment)) for _ in range(repeats))
-    rows += [Row("second", "second start to first step", "s", later), Row("import", "import sffr_gym", "s", imports)]
-    return Section("starts", "Starts, each in a new process", rows)
+    contenders = {"single": lambda: _until_step(SINGLE), "damping": lambda: _until_step(DAMPING), "import": _import}
+    names = {
+        "single": "start to first step of gym.make",
+        "damping": f"start to first step of {NUM_ENVS} environments with a law inside",
+        "import": "import sffr_gym",
+    }
+    samples = rounds(contenders, repeats)
+    return Section(
+        "starts", "Starts, each in a new process", [Row(key, names[key], "s", samples[key]) for key in names]
+    )
 
 
-def _until_step(environment: dict[str, str]) -> float:
+def _until_step(code: str) -> float:
     """Measure the seconds from the start of a process to the end of its first step."""
     start = perf_counter()
-    with subprocess.Popen([sys.executable, "-c", STEP], env=environment, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         elapsed = perf_counter() - start
@@ -48,7 +47,7 @@ def _until_step(environment: dict[str, str]) -> float:
     return elapsed
 
 
-def _run(code: str, environment: dict[str, str]) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    ).stdout
+def _import() -> float:
+    """Measure the seconds that the import takes in a process."""
+    done = subprocess.run([sys.executable, "-c", IMPORT], capture_output=True, text=True, check=True)
+    return float(done.stdout)

@@ -9,8 +9,9 @@ import numpy as np
 
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
-from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
+from sffr_gym.physics.integrator import INTEGRATORS, step_shapes
 from sffr_gym.physics.model import pack, panel_beam, panel_modes
+from sffr_gym.physics.plant import advance_plant
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.physics.staggered import base_answer, growth_rate, longest_stable_step
 from sffr_gym.types import Array
@@ -83,7 +84,7 @@ def _measured_growth(params: Params, step: float) -> float:
     columns = []
     for state in small * np.eye(2 * n):
         p, v = state[:n].copy(), state[n:].copy()
-        advance(model, p, v, np.zeros(n), step, 1, INTEGRATORS[params.simulation.integrator], work)
+        advance_plant(model, p, v, np.zeros(n), step, 1, INTEGRATORS[params.simulation.integrator], work)
         columns.append(np.concatenate([p, v]) / small)
     return float(np.log(np.abs(np.linalg.eigvals(np.array(columns))).max()) / step)
 

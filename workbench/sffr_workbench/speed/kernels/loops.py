@@ -4,54 +4,49 @@ from __future__ import annotations
 
 from math import cos, sqrt
 
-from sffr_gym.compile.kernels import kernel
+from sffr_gym.compile.kernels import entry
 from sffr_gym.compile.linalg import assign
-from sffr_gym.compile.workspace import workspace
-from sffr_gym.physics.actuators import generalized_forces
-from sffr_gym.physics.dynamics import accelerations, work_shapes
-from sffr_gym.physics.integrator import advance, step_shapes
-from sffr_gym.task.control_period import observe_state, period_shapes
+from sffr_gym.physics.actuators import generalized_forces, saturate
+from sffr_gym.physics.dynamics import accelerations
+from sffr_gym.physics.integrator import advance
 
 
-@kernel
-def replay(model, forces, period, steps, integrator, block, p, v, every, kept):
+@entry
+def replay(model, forces, period, steps, integrator, work, p, v, every, kept):
     """Advance the plant in place under recorded forces: row k of ``forces`` (n_ticks, n) is held for period k.
 
-    block: memory of :func:`advance`.
+    work: :class:`sffr_gym.physics.integrator.StepWork`.
     every: periods between two positions that are written to ``kept`` (rows, n), the first after ``every`` periods.
     """
-    work = workspace(block, step_shapes(model))
     for tick in range(len(forces)):
         advance(model, p, v, forces[tick], period, steps, integrator, work)
         if (tick + 1) % every == 0:
             assign(kept[(tick + 1) // every - 1], p)
 
 
-@kernel
-def forces_of(model, actuators, applied, forces):
-    """Write the generalised forces (n_ticks, n) of applied commands (n_ticks, n_u)."""
-    for tick in range(len(applied)):
+@entry
+def forces_of(model, actuators, commands, applied, forces):
+    """Write what the limits leave of commands (n_ticks, n_u) into ``applied``, and its generalised forces (n_ticks, n).
+
+    ``applied`` may be the commands themselves.
+    """
+    for tick in range(len(commands)):
+        saturate(actuators, commands[tick], applied[tick])
         generalized_forces(model, actuators, applied[tick], forces[tick])
 
 
-@kernel
-def solve_motion(model, p, v, tau, block, out, count):
-    """Solve the equations of motion ``count`` times, each at another heading so that nothing can be left out."""
-    work = workspace(block, work_shapes(model))
+@entry
+def solve_motion(model, p, v, tau, work, out, count):
+    """Solve the equations of motion ``count`` times, each at another heading so that nothing can be left out.
+
+    Arguments as in :func:`sffr_gym.physics.dynamics.accelerations`.
+    """
     for _ in range(count):
         p[2] += 1.0e-9
         accelerations(model, p, v, tau, work, out, False, True)
 
 
-@kernel
-def observe_often(plant, reference, p, v, block, obs, signals, count):
-    """Observe and measure a state ``count`` times, each at another time."""
-    work = workspace(block, period_shapes(plant))
-    for k in range(count):
-        observe_state(plant, reference, k * plant.period, p, v, work, obs, signals)
-
-
-@kernel
+@entry
 def multiply_add(x, a, b, passes):
     """Two operations on each of many independent numbers: what the machine can do at best."""
     for _ in range(passes):
@@ -59,7 +54,7 @@ def multiply_add(x, a, b, passes):
             x[i] = x[i] * a + b
 
 
-@kernel
+@entry
 def multiply_add_chain(x, a, b, passes):
     """Two operations on one number, each of which waits for the one before."""
     y = x[0]
@@ -69,7 +64,7 @@ def multiply_add_chain(x, a, b, passes):
     x[0] = y
 
 
-@kernel
+@entry
 def divide(x, a, b, passes):
     """One division of each of many numbers."""
     for _ in range(passes):
@@ -77,7 +72,7 @@ def divide(x, a, b, passes):
             x[i] = a / x[i]
 
 
-@kernel
+@entry
 def square_root(x, a, b, passes):
     """One square root of each of many numbers."""
     for _ in range(passes):
@@ -85,7 +80,7 @@ def square_root(x, a, b, passes):
             x[i] = sqrt(x[i])
 
 
-@kernel
+@entry
 def cosine(x, a, b, passes):
     """One cosine of each of many numbers."""
     for _ in range(passes):
