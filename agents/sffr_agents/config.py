@@ -189,12 +189,12 @@ def load_config(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ConfigError: for a file, a key or a value that is not valid.
     """
     data, where = read_mapping(find_config(name, folder="train"))
-    return _with_enough_samples(build_section(_model(data, where), data, where, overrides))
+    return _with_enough_samples(build_section(_model(data, where), data, where, overrides), where)
 
 
 def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
     """Return the configuration that a run folder keeps; raises ConfigError if it is not valid."""
-    return _with_enough_samples(build(_model(data, where), data, where))
+    return _with_enough_samples(build(_model(data, where), data, where), where)
 
 
 def build_section(model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]) -> SectionT:
@@ -203,14 +203,18 @@ def build_section(model: type[SectionT], data: dict[str, Any], where: Where, ove
     return build(model, *apply_overrides(section.model_dump(mode="json"), overrides)) if overrides else section
 
 
-def _with_enough_samples(config: TrainConfig) -> TrainConfig:
+def _with_enough_samples(config: TrainConfig, where: Where) -> TrainConfig:
     """Return the configuration if its updates have the samples that they take, and no more than there is memory for.
 
     Raises:
         ConfigError: if not, or for an override of the environment that is not valid.
     """
     learning = config.learning
-    panels = load_params().with_overrides(*config.environment.overrides).n_panels
+    try:
+        panels = load_params().with_overrides(*config.environment.overrides).n_panels
+    except ConfigError as error:
+        place = f"{where(('environment', 'overrides'))}: environment.overrides"
+        raise ConfigError("\n".join(f"{place}: {line}" for line in str(error).splitlines())) from None
     if isinstance(learning, PPOSettings):
         samples = learning.n_steps * config.n_envs * (panels if config.network.per_panel else 1)
         each = f"learning.n_steps = {learning.n_steps} of n_envs = {config.n_envs}, of {panels} panels by per_panel"

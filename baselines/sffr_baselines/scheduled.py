@@ -54,7 +54,7 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, bas
     """
     check_arguments(Scheduling, law=name, rho=rho, agent_period=agent_period, base_tolerance=base_tolerance)
     if prior.n_panels == 0:
-        raise ConfigError("the robot has no panels whose damping could be scheduled")
+        raise ConfigError("panel.mounts: the robot has no panels whose damping could be scheduled")
     period = prior.control.period
     hold = round(agent_period / period)
     if hold < 1 or abs(hold * period - agent_period) > 1e-9:

@@ -87,7 +87,7 @@ class Folders:
         reads = trial.target not in WRITING
         before = fingerprint(folder) if reads else self._foreign(folder)
         outcome = self._run(trial.target, folder)
-        after = fingerprint(folder, ("out",)) if reads else self._foreign(folder)
+        after = fingerprint(folder, ("out", "out.npz")) if reads else self._foreign(folder)
         check_unchanged(before, after, "files" if reads else "files of others")
         return outcome, {f"{trial.target} {outcome}": 1}
 

@@ -117,7 +117,12 @@ class Machines:
         if hasattr(policy, "set_plant"):
             policy.set_plant(env.plant)
         for _ in range(STEPS):
-            obs, done = step(env, policy(obs))
+            action = policy(obs)
+            if np.isnan(
+                action
+            ).any():  # the law has no answer where its robot is singular, and environments refuse that
+                break
+            obs, done = step(env, action)
             if done:
                 break
         return 1

@@ -252,7 +252,11 @@ def seeds_command(run: Annotated[Path, argument("RUN", "Folder of sffr benchmark
     bootstrap that resamples seeds and episodes.
     """
     with user_errors():
-        scores = score_seeds(read_episodes(run))
+        episodes = read_episodes(run)
+        try:
+            scores = score_seeds(episodes)
+        except ConfigError as error:
+            raise ConfigError(f"{run}: {error}") from None
     rows = [
         [scenario, f"`{name}`", f"{score.seeds} x {score.episodes}", *map(format_estimate, score.ratios.values()),
          format_estimate(score.cost), str(score.failed)]
