@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results train test coverage mutants hostile bench format lint types contracts check api clean
+.PHONY: help run verify results train test coverage mutants hostile valgrind bench format lint types contracts check api wheel clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c const
 ROOMS := sffr_gym baselines agents workbench tests docs
 POLICIES := none hsc ahsc ppo sac
 PYTEST_ARGS ?=
-# Tests that run in minutes without numba and need no lanes, which only it can make.
+# Tests that run in minutes with kernels as Python, and need no lanes, which only compiled ones have.
 COVERED := actuators angles beam dynamics episode episode_end fleet metrics mic observation oracle overrides param_files \
 	param_ranges params piezo policies printed_panel reference regulator scenario score stability statistics suite_hash \
 	suppression vector_arguments
@@ -44,14 +44,17 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
 	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
 
-coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that the tests without compiler run
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term $(COVERED:%=tests/test_%.py)
+coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that tests run with kernels as Python
+	SFFR_INTERPRETED=1 $(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term $(COVERED:%=tests/test_%.py)
 
 mutants: $(VENV)/.dev ## change the code in small ways and see whether tests notice (hours; goes on where it stopped); docs/mutants.md
 	$(BIN)/python tests/mutants.py --report docs/mutants.md $(MUTANTS_ARGS)
 
 hostile: $(VENV)/.dev ## attack files, states and robots at random, and kill commands; HOSTILE_ARGS="--minutes 60 configs policies"
 	$(BIN)/python tests/hostile/campaign.py $(HOSTILE_ARGS)
+
+valgrind: $(VENV)/.dev ## the compiled code under valgrind, for a level of x86-64 that it knows (three minutes)
+	$(BIN)/python tests/valgrind.py
 
 bench: $(VENV)/.dev ## the speed, beside MuJoCo, SciPy and Gymnasium (half an hour), and that of the single kernels
 	$(BIN)/sffr bench --out runs/bench --overwrite
@@ -74,10 +77,13 @@ contracts: $(VENV)/.dev ## which package may import which
 check: lint types contracts test ## lint, types, contracts and test
 
 api: $(VENV)/.docs ## the API reference from the docstrings, into docs/_build/html; a warning is an error
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
+	SFFR_INTERPRETED=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
+
+wheel: $(VENV)/.dev ## a wheel with compiled code for all levels of x86-64, into dist/
+	SFFR_LEVELS="x86-64-v2 x86-64-v3 x86-64-v4" $(BIN)/python -m build --wheel --no-isolation
 
 clean: ## remove the virtual environment, tool caches and build products, but no results
-	rm -rf $(VENV) build dist docs/_build docs/api .coverage
+	rm -rf $(VENV) build dist docs/_build docs/api .coverage sffr_gym/compile/binaries
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .benchmarks .hypothesis
 	find $(ROOMS) -name __pycache__ -prune -exec rm -rf {} +
 
