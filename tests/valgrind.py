@@ -27,7 +27,7 @@ from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 rng = np.random.default_rng(0)
 for scenario in "nominal", "mismatch", "noise", "impulse", "degraded":
-    for change in [], ["panel.elements=2"], ["simulation.coupling=staggered", "simulation.max_step=2.5e-4"], ["object=null"]:
+    for change in [], ["panel.elements=2"], ["simulation.coupling=staggered", "simulation.max_step=2.5e-4"]:
         batch = SFFRFlexVectorEnv(11, scenario=scenario, overrides=change)
         batch.reset(seed=0)
         for _ in range(3):
@@ -35,7 +35,8 @@ for scenario in "nominal", "mismatch", "noise", "impulse", "degraded":
 damping = SFFRFlexDampingVectorEnv(9)
 damping.reset(seed=0)
 damping.step(rng.uniform(-1, 1, damping.action_space.shape))
-env = SFFRFlexEnv({"name": "short", "description": "a test's", "duration": 0.02, "sensors": {"position": 1e-6, "delay": 1.0}})
+sensors = {"position": 1e-6, "delay": 1.0}
+env = SFFRFlexEnv({"name": "short", "description": "a test's", "duration": 0.02, "sensors": sensors})
 for name in "ahsc", "lqr", "sac":
     policy = make_policy(name, env)
     true_observations(rollout(env, policy, 0))
@@ -58,7 +59,8 @@ from sffr_gym.task.control_period import period_shapes
 env = SFFRFlexEnv()
 env.reset(seed=0)
 short = env._batch._replace(p=np.zeros((1, 7)), signals=np.zeros((1, 5)))
-observe_row(Structures([env.plant_task]), short, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(env.plant_task)))
+plants, row = Structures([env.plant_task]), np.zeros(1, dtype=np.int64)
+observe_row(plants, short, row, new_workspace(period_shapes(env.plant_task)))
 """
 
 
