@@ -1,4 +1,4 @@
-"""Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/build``."""
+"""Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/builder``."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ class CompiledKernels(BuildHookInterface[Any]):
         root = Path(self.root)
         paths = os.pathsep.join([str(root), str(root / "baselines")])
         levels = os.environ.get("SFFR_LEVELS", "").split()
-        command = [sys.executable, "-m", "sffr_gym.compile.build", str(root / FOLDER), *levels]
+        command = [sys.executable, "-m", "sffr_gym.compile.builder", str(root / FOLDER), *levels]
         subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"

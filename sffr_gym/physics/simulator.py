@@ -93,6 +93,15 @@ class Simulator:
         self._integrator = INTEGRATORS[self.params.simulation.integrator]
         self._work = new_workspace(step_shapes(self.model))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: all but the memory of the kernels, whose layout would be lost."""
+        return {name: value for name, value in self.__dict__.items() if name != "_work"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy, with memory of its own."""
+        self.__dict__.update(state)
+        self._work = new_workspace(step_shapes(self.model))
+
     def initial_state(self) -> State:
         """Return the configured start (Table IV), the object at rest relative to the grippers."""
         return self.unflatten(0.0, *initial_positions(self.params, self.model))
