@@ -118,11 +118,13 @@ def build_library(message: str, *arguments: str) -> None:
 
 
 def _manifest() -> dict[str, Any] | None:
-    """Return the manifest if it is one of the present sources."""
-    if not (FOLDER / MANIFEST).is_file():
+    """Return the manifest if it is a whole one of the present sources, whose files are there."""
+    try:
+        manifest: dict[str, Any] = read_json(FOLDER / MANIFEST)
+        current = manifest["sources"] == hash_of(manifest["modules"])
+        return manifest if current and all((FOLDER / file).is_file() for file in manifest["files"].values()) else None
+    except (ConfigError, KeyError, TypeError, AttributeError):  # none, or a damaged one
         return None
-    manifest: dict[str, Any] = read_json(FOLDER / MANIFEST)
-    return manifest if manifest["sources"] == hash_of(manifest["modules"]) else None
 
 
 def hash_of(modules: Iterable[str]) -> str:
