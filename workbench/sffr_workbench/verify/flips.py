@@ -7,7 +7,7 @@ SciPy's integrators, the paper's formulas in NumPy, inverse dynamics. Run as a p
 table; one process is enough, since the packages are imported again from the copy after each flip and are not compiled.
 A checkout is needed.
 
-    NUMBA_DISABLE_JIT=1 python -m sffr_workbench.verify.flips [--sample] [FILE ...]
+    SFFR_INTERPRETED=1 python -m sffr_workbench.verify.flips [--sample] [FILE ...]
 
 Exit code 1 if a flip stays green.
 """
@@ -323,8 +323,8 @@ def main() -> int:
     parser.add_argument("files", nargs="*", metavar="FILE", help="such as sffr_gym/physics/panel.py; all without")
     parser.add_argument("--sample", action="store_true", help="one flip of each function")
     arguments = parser.parse_args()
-    if os.environ.get("NUMBA_DISABLE_JIT") != "1":
-        parser.error("set NUMBA_DISABLE_JIT=1: to compile each flip takes a minute")
+    if os.environ.get("SFFR_INTERPRETED") != "1":
+        parser.error("set SFFR_INTERPRETED=1: to compile each flip takes a minute")
     if unknown := set(arguments.files) - {*TERMS, CONFIG}:
         parser.error(f"no terms in {', '.join(unknown)}; there are {', '.join([*TERMS, CONFIG])}")
     flips = [flip for flip in all_flips() if not arguments.files or flip.file in arguments.files]
