@@ -70,7 +70,7 @@ class LawPolicy:
         Raises:
             ValueError: if the number of environments changes without a reset.
         """
-        rows = np.atleast_2d(np.asarray(obs, dtype=np.float64))
+        rows = np.atleast_2d(np.ascontiguousarray(obs, dtype=np.float64))
         if self.B_hat is None:
             self.B_hat = np.tile(self.initial_damping(), (len(rows), 1, 1))
             self.factor = np.ones_like(self.B_hat)

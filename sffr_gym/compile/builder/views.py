@@ -1,7 +1,7 @@
 """The compiler's types for arguments: views of their words, see :mod:`sffr_gym.compile.arguments`.
 
-A named tuple becomes the address of its words. Reading a field of it loads what the words say there, which never changes
-during a call: the compiler is told so, and loads it once.
+A named tuple becomes the address of its words. Reading a field of it loads what the words say there, which never
+changes during a call: the compiler is told so, and loads it once.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _column(context: Any, builder: Any, columns: Any, value: Any, name: str) -> 
 @infer_global(operator.getitem)
 class _ViewsItem(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
-        views, *index = args
+        views = args[0]
         return signature(views.element, views, types.int64) if isinstance(views, Views) else None
 
 
