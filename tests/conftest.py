@@ -5,6 +5,7 @@ import os
 import numpy as np
 import pytest
 import yaml
+from small_kernels import make_libraries
 
 from sffr_gym.config.params import load_params
 
@@ -22,6 +23,12 @@ def raise_on_invalid_numbers():
 def params():
     """The shipped case study."""
     return load_params()
+
+
+@pytest.fixture(scope="session")
+def small_libraries(tmp_path_factory):
+    """The tests' own kernels, compiled for each level of this machine."""
+    return make_libraries(tmp_path_factory.mktemp("small"))
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 The operators are cosmic-ray's; ``mutants.toml`` names those in use, the modules with their tests, and the mutants that
 are accepted with a reason. Every outcome is written at once to a folder, from which an interrupted run goes on; a
 module whose source has changed begins again. Modules of ``sffr_gym`` and ``sffr_baselines``, whose edits would compile
-the kernels again, run without numba's compiler; for all others these two packages come from the checkout, compiled.
+the kernels again, run as Python; for all others these two packages come from the checkout, compiled.
 
     python tests/mutants.py [--sample N] [--again] [--report FILE] [MODULE ...]
 
@@ -176,7 +176,7 @@ class Copy:
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(map(str, path)),
             "PYTHONDONTWRITEBYTECODE": "1",
-            "NUMBA_DISABLE_JIT": str(int(interpreted)),
+            "SFFR_INTERPRETED": str(int(interpreted)),
         }
         command = [sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
         for test in MODULES[module]:  # one by one, since pytest's -k holds for all files of a call

@@ -1,5 +1,6 @@
 """``SFFRFlexDamping-v0``: the law inside, its damping that stays positive, and the interfaces of Gymnasium and SB3."""
 
+import functools
 import inspect
 
 import gymnasium as gym
@@ -16,7 +17,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from sffr_agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
-from sffr_baselines.damping_loop import see_one
+from sffr_baselines.damping_loop import see_row
 from sffr_baselines.rollout import rollout
 from sffr_baselines.schedule import BOUNDS, N_FEATURES
 from sffr_baselines.suppression import TRANSVERSE
@@ -109,11 +110,21 @@ def test_no_sequence_of_actions_feeds_energy_into_a_panel(actions, seed):
         assert (work <= 1e-9).all()
 
 
+def see(law, obs, seen):
+    """Write what an agent sees of an observation."""
+    see_row(law, obs[None], seen[None], np.zeros(1, dtype=np.int64))
+
+
+@functools.cache
+def default_law():
+    return make().law
+
+
 @settings(max_examples=50, deadline=None)
 @given(obs=arrays(np.float64, 52, elements=st.floats(-10.0, 10.0)))
 def test_observation_stays_in_its_bounds_whatever_is_measured(obs):
-    env, seen = make(), np.zeros(2 * N_FEATURES)
-    see_one(env.law, obs, seen)
+    seen = np.zeros(2 * N_FEATURES)
+    see(default_law(), obs, seen)
     assert (np.abs(seen[np.isfinite(seen)]) <= np.tile(BOUNDS, 2)[np.isfinite(seen)]).all()
 
 
@@ -135,10 +146,10 @@ def test_a_mirrored_panel_is_seen_alike():
     for _ in range(20):
         obs, seen, mirrored = rng.uniform(-1.0, 1.0, 52), np.zeros(2 * N_FEATURES), np.zeros(2 * N_FEATURES)
         obs[env.fields["reference_turn"].slice] = 0.0
-        see_one(env.law, obs, seen)
+        see(env.law, obs, seen)
         for name in ("elastic", "elastic_rate", "reference_velocity", "reference_acceleration"):
             obs[env.fields[name].slice] *= -1.0
-        see_one(env.law, obs, mirrored)
+        see(env.law, obs, mirrored)
         np.testing.assert_array_equal(seen, mirrored)
         assert (seen[5::N_FEATURES] > 0.0).all() and np.abs(seen[:4]).min() > 0.0
 

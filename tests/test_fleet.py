@@ -1,13 +1,13 @@
 """Robots as rows: a kernel sees in a row the robot that was put there, and a batch may hold different plants."""
 
-import numba
 import numpy as np
 import pytest
 
+from sffr_gym.compile.arguments import Block, Structures
 from sffr_gym.config.params import load_params
 from sffr_gym.envs import single
-from sffr_gym.envs.batch import batch_memory, make_batch, start_episode, step_batch
-from sffr_gym.envs.fleet import make_fleet, plant_at, put_plant
+from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range
+from sffr_gym.envs.fleet import make_fleet, plant_at, plants_of, put_plant
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.task_model import make_task_model
@@ -37,7 +37,7 @@ def test_a_row_gives_the_robot_back(name):
     robot = robot_of(*ROBOTS[name])
     fleet = make_fleet(robot, 3)
     seen = plant_at(fleet, 2)
-    assert numba.typeof(seen) == numba.typeof(robot)
+    assert Block((seen,)).form == Block((robot,)).form
     for theirs, ours in zip(leaves(seen), leaves(robot), strict=True):
         np.testing.assert_array_equal(theirs, ours)
 
@@ -51,13 +51,15 @@ def run(robots, ticks=40):
     """Everything about the robots after some periods of a batch of different robots from the same start."""
     params, scenario = load_params(), load_scenario("excited")
     fleet, batch = make_fleet(robots[0], len(robots)), make_batch(robots[0], len(robots))
-    memory = batch_memory(robots[0], len(robots))
     for i, robot in enumerate(robots):
         put_plant(fleet, i, robot)
-        start_episode(fleet, batch, memory, i, draw(scenario, nominal(params), np.random.default_rng(3)))
-    actions = np.tile(np.random.default_rng(4).uniform(-0.1, 0.1, 15), (len(robots), 1))
+    stepper = Stepper(step_range, plants_of(fleet), batch, 15, group_shapes(robots[0]))
+    for i in range(len(robots)):
+        put_episode(batch, i, draw(scenario, nominal(params), np.random.default_rng(3)))
+        stepper.observe(i)
+    stepper.actions[:] = np.random.default_rng(4).uniform(-0.1, 0.1, 15)
     for _ in range(ticks):
-        step_batch(fleet, batch, memory, actions, np.ones(len(robots), dtype=np.bool_))
+        stepper.step()
     return np.hstack([batch.p, batch.v, batch.obs, batch.signals])
 
 
@@ -80,11 +82,12 @@ def test_a_robot_of_another_structure_is_refused(overrides):
 def test_a_robot_is_packed_again_only_where_it_changes(monkeypatch):
     """A reset draws faults and plants again and packs those alone; afterwards the environment is as if it never had."""
     packed = []
-    monkeypatch.setattr(single, "make_fleet", lambda robot: packed.append(robot) or make_fleet(robot))
+    put = Structures.__setitem__
+    monkeypatch.setattr(Structures, "__setitem__", lambda self, i, item: packed.append(item) or put(self, i, item))
     env, fresh = single.SFFRFlexEnv("impulse"), single.SFFRFlexEnv("impulse")
-    for scenario, builds in (("impulse", 2), ("noise", 2), ("mismatch", 3), ("degraded", 4), ("impulse", 5)):
+    for scenario, builds in (("impulse", 0), ("noise", 0), ("mismatch", 1), ("degraded", 2), ("impulse", 3)):
         env.reset(seed=1, options={"scenario": scenario})
         assert len(packed) == builds, scenario
     assert env.reset(seed=2)[0].tolist() == fresh.reset(seed=2)[0].tolist()
     assert env.step(np.full(15, 0.1))[0].tolist() == fresh.step(np.full(15, 0.1))[0].tolist()
-    assert len(packed) == 5
+    assert len(packed) == 3

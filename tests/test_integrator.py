@@ -3,13 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from sffr_gym import Params, Simulator, State, load_params
+from sffr_gym.compile.library import load_library
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
 from sffr_gym.physics.kinematics import rotation
@@ -156,7 +156,7 @@ def test_one_step_follows_the_equations_of_motion(integrator: str, changes: tupl
     assert len(simulator.model.stiff) > 0
 
 
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="a million evaluations, too many for the interpreter")
+@pytest.mark.skipif(load_library() is None, reason="a million evaluations, too many for the interpreter")
 @pytest.mark.parametrize("overrides", [(), (ALONE,), ("panel.elements=2",)], ids=["case study", "free", "two elements"])
 def test_default_steps_equal_tiny_classical_ones(overrides: tuple[str, ...]) -> None:
     """The real robot for 2 s of random held forces: 2 ms against Runge-Kutta at 0.01 ms, at a tenth of its limit."""

@@ -1,62 +1,23 @@
 """Numbers in lanes: each lane computes what a plain number computes, bit for bit."""
 
-from math import cos, exp, isfinite, sin, sqrt
-from typing import NamedTuple
-
 import numpy as np
 import pytest
+from small_kernels import N_RESULTS, call, compute_rows, find, operands, swap
 
-from sffr_gym.compile.kernels import kernel
-from sffr_gym.compile.lanes import WIDTH, any_lane, columns, floor, gather, take, where
-from sffr_gym.compile.workspace import allocate, workspace
-from sffr_gym.types import Array
+from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
+from sffr_gym.compile import lanes
+from sffr_gym.compile.lanes import WIDTH
+from sffr_gym.compile.library import own_levels
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 SPECIAL = (0.0, -0.0, 1.0, -1.5, 1e300, -1e-300, 5e-324, np.inf, -np.inf, np.nan)
 
 
-@kernel(inline=True)
-def compute(x, y, out):
-    """Every operation of lanes; ``x, y`` (1,), ``out`` (21,)."""
-    a, b = x[0], y[0]
-    out[0], out[1], out[2], out[3] = a + b, a - b, a * b, a / b
-    out[4], out[5], out[6], out[7] = -a, abs(a), sqrt(a), floor(a)
-    out[8], out[9], out[10] = cos(a), sin(a), exp(a)
-    out[11], out[12] = min(a, b), max(a, b)
-    out[13], out[14] = where(a < b, a, b), where((a >= b) | (a == 2.0), 1.0, b)
-    out[15], out[16] = where(isfinite(a) & (a != b), a, 3), where(a <= b, 2.0 * a, 1 - b)
-    total = 0.0
-    for _ in range(3):
-        total += a
-        total *= b
-        total -= 0.5
-        total /= 3
-    out[17], out[18] = total, where(a > b, 1.0, 0.0)
-    out[19], out[20] = max(a, 0.5), min(2.0, b)
-
-
-class Operands(NamedTuple):
-    """Two numbers and what is computed of them."""
-
-    x: Array
-    y: Array
-    out: Array
-
-
-def operand_shapes():
-    return Operands((1,), (1,), (21,))
-
-
-@kernel
-def run(rows, others, results, block):
-    """Compute all rows, in numbers of the kind of the block."""
-    work = workspace(block, operand_shapes())
-    width = columns(work.x).shape[1]
-    for i in range(0, len(rows), width):
-        gather(rows, i, work.x)
-        gather(others, i, work.y)
-        compute(work.x, work.y, work.out)
-        for lane in range(width):
-            take(work.out, lane, results[i + lane])
+@pytest.fixture(scope="module", params=own_levels())
+def library(request, small_libraries):
+    """The library for a level of this machine."""
+    return small_libraries[request.param]
 
 
 @pytest.fixture(scope="module")
@@ -69,34 +30,76 @@ def pairs():
     return both[: len(both) // WIDTH * WIDTH]
 
 
-def test_each_lane_has_the_bits_of_a_plain_number(pairs):
+def assert_same_bits(left, right):
+    assert (np.isnan(left) == np.isnan(right)).all()
+    there = ~np.isnan(left)
+    np.testing.assert_array_equal(left[there].view(np.int64), right[there].view(np.int64))
+    assert np.ptp(left[there]) > 0.0
+
+
+def test_each_lane_has_the_bits_of_a_plain_number(library, pairs):
     """Arithmetic, comparisons, choice and functions, with zeros of both signs, infinities and what is not a number."""
     rows, others = pairs[:, :1].copy(), pairs[:, 1:].copy()
-    plain, lanes = np.zeros((len(rows), 21)), np.zeros((len(rows), 21))
-    with np.errstate(all="ignore"):
-        run(rows, others, plain, allocate(operand_shapes())[0])
-        run(rows, others, lanes, allocate(operand_shapes(), lanes=True)[0])
-    assert (np.isnan(plain) == np.isnan(lanes)).all()
-    there = ~np.isnan(plain)
-    np.testing.assert_array_equal(plain[there].view(np.int64), lanes[there].view(np.int64))
-    assert np.ptp(plain[there]) > 0.0
+    plain, wide = np.zeros((len(rows), N_RESULTS)), np.zeros((len(rows), N_RESULTS))
+    call(library, compute_rows, rows, others, plain, operands(False))
+    call(library, compute_rows, rows, others, wide, operands(True))
+    assert_same_bits(plain, wide)
 
 
-@kernel
-def find(rows, threshold, found, block):
-    """Say for each group of rows whether any exceeds the threshold."""
-    work = workspace(block, operand_shapes())
-    width = columns(work.x).shape[1]
-    for i in range(0, len(rows), width):
-        gather(rows, i, work.x)
-        found[i // width] = 1.0 if any_lane(work.x[0] > threshold) else 0.0
+def test_python_gives_the_bits_of_compiled_code(library):
+    """For ordinary numbers; Python's own functions raise where compiled ones give an infinity."""
+    rows, others = np.abs(np.random.default_rng(1).normal(size=(2, 40, 1)))
+    compiled, python = np.zeros((40, N_RESULTS)), np.zeros((40, N_RESULTS))
+    call(library, compute_rows, rows, others, compiled, operands(False))
+    compute_rows.function(rows, others, python, operands(False))
+    assert_same_bits(compiled, python)
 
 
-def test_any_lane_sees_each_lane():
+def test_any_lane_sees_each_lane(library):
     """A condition that holds in one lane alone is seen, whichever it is, and one that holds in none is not."""
     rows = np.zeros((WIDTH * (WIDTH + 1), 1))
     for lane in range(WIDTH):
         rows[lane * WIDTH + lane] = 2.0
     found = np.full(WIDTH + 1, np.nan)
-    find(rows, 1.0, found, allocate(operand_shapes(), lanes=True)[0])
+    call(library, find, rows, 1.0, found, operands(True))
     assert list(found) == [1.0] * WIDTH + [0.0]
+
+
+@pytest.mark.parametrize("lane", [0, WIDTH - 1])
+def test_rows_go_into_lanes_and_come_back(library, lane):
+    rows = np.random.default_rng(0).normal(size=(WIDTH, N_RESULTS))
+    work, row = operands(True), np.array([np.zeros(N_RESULTS), np.arange(N_RESULTS)])
+    call(library, swap, rows, lane, work, row)
+    assert (row[0] == rows[lane]).all()
+    inside = np.asarray(work.out).T
+    assert (inside[lane] == np.arange(N_RESULTS)).all()
+    others = np.arange(WIDTH) != lane
+    assert (inside[others] == rows[others]).all()
+
+
+@pytest.mark.parametrize(
+    ("condition", "a", "b", "chosen"), [(True, 1.0, 2.0, 1.0), (False, 1.0, 2.0, 2.0), (np.True_, 1.0, np.nan, 1.0)]
+)
+def test_python_chooses_one_number(condition, a, b, chosen):
+    assert lanes.where(condition, a, b) == chosen
+    assert lanes.any_lane(condition) is bool(condition)
+
+
+@pytest.mark.parametrize(
+    ("many", "one"), [(SFFRFlexVectorEnv, SFFRFlexEnv), (SFFRFlexDampingVectorEnv, SFFRFlexDampingEnv)]
+)
+@pytest.mark.parametrize("robot", [[], ["simulation.coupling=staggered", "simulation.max_step=1e-4"]])
+def test_environments_in_lanes_are_each_of_them_alone(many, one, robot):
+    """Noise, delays and impulses differ between the lanes, and so does the time of a failure."""
+    scenario = "excited" if one is SFFRFlexDampingEnv else "noise"
+    together = many(WIDTH, scenario=scenario, overrides=robot)
+    inputs = np.random.default_rng(0).uniform(-0.3, 0.3, (6, *together.action_space.shape))
+    first = together.reset(seed=5)[0]
+    found = [together.step(each)[:2] for each in inputs]
+    for i in (0, 3, WIDTH - 1):
+        alone = one(scenario=scenario, overrides=robot)
+        np.testing.assert_array_equal(alone.reset(seed=5 + i)[0], first[i])
+        for (obs, reward), each in zip(found, inputs, strict=True):
+            expected = alone.step(each[i])
+            np.testing.assert_array_equal(obs[i], expected[0])
+            assert reward[i] == expected[1]

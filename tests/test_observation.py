@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from oracle import Oracle
 
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
-from sffr_gym.envs.batch import batch_memory, make_batch, observe_one, start_episode
-from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs.batch import make_batch, observe_row, put_episode
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.physics.simulator import Simulator
+from sffr_gym.task.control_period import period_shapes
 from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.observation import observation_fields
 from sffr_gym.task.reference import circle_reference, desired
@@ -73,7 +75,7 @@ class Observer:
         self.params = params
         robot = make_task_model(params)
         self.robot = robot._replace(bound=np.full_like(robot.bound, 1000.0))  # nothing is cut off
-        self.fleet, self.model = make_fleet(self.robot), self.robot.model
+        self.plants, self.model = Structures([self.robot]), self.robot.model
         self.p, self.v = initial_positions(params, self.model)
         self.reference = circle_reference(params, self.model, self.p, phase=phase)
         self.fields = observation_fields(self.model, params)
@@ -82,10 +84,9 @@ class Observer:
     def __call__(self, p, v, tick):
         """Return the observation (n_o,) of positions and velocities at a control tick."""
         batch = make_batch(self.robot, 1)
-        memory = batch_memory(self.robot, 1)
-        start_episode(self.fleet, batch, memory, 0, self.episode._replace(p=p, v=v, reference=self.reference))
+        put_episode(batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
         batch.tick[0] = tick
-        observe_one(self.fleet, batch, 0, memory.plain[0])
+        observe_row(self.plants, batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(self.robot)))
         return batch.obs[0]
 
     def perturbed(self, seed):

@@ -3,6 +3,7 @@
 import importlib
 import importlib.metadata
 import itertools
+import json
 import os
 import re
 import subprocess
@@ -87,6 +88,7 @@ def wheel(wheel_file):
     return set(contents(wheel_file))
 
 
+@pytest.mark.slow
 def test_wheel_has_the_packages_and_nothing_else(wheel):
     metadata = f"sffr_gym-{PROJECT['version']}.dist-info"
     assert {name.partition("/")[0] for name in wheel} == {*PACKAGES, metadata}
@@ -102,12 +104,23 @@ def test_wheel_has_the_packages_and_nothing_else(wheel):
     )
 
 
+@pytest.mark.slow
 def test_wheel_has_every_config(wheel):
     configs = {file.relative_to(ROOT).as_posix() for file in (ROOT / "configs").rglob("*") if file.is_file()}
     assert "configs/sffr.yaml" in configs
     assert {f"sffr_gym/{name}" for name in configs} == {name for name in wheel if "configs/" in name}
 
 
+@pytest.mark.slow
+def test_wheel_has_the_library_and_says_for_which_machines(wheel_file, wheel):
+    manifest = json.loads(contents(wheel_file)["sffr_gym/compile/binaries/manifest.json"])
+    assert manifest["files"] and {f"sffr_gym/compile/binaries/{name}" for name in manifest["files"].values()} == {
+        name for name in wheel if name.endswith(".so")
+    }
+    assert re.fullmatch(rf"sffr_gym-{PROJECT['version']}-py3-none-(?!any)\w+\.whl", wheel_file.name)
+
+
+@pytest.mark.slow
 def test_sdist_builds_the_same_wheel(wheel_file, tmp_path):
     by_way_of_the_sdist = build(folder=tmp_path)
     assert list(tmp_path.glob("*.tar.gz"))
@@ -119,11 +132,11 @@ def mypy_cache(tmp_path_factory):
     return tmp_path_factory.mktemp("mypy")
 
 
-@pytest.mark.parametrize("source", ["as installed", "wheel"])
-def test_a_users_program_passes_strict_mypy(source, wheel_file, mypy_cache, tmp_path):
+@pytest.mark.parametrize("source", ["as installed", pytest.param("wheel", marks=pytest.mark.slow)])
+def test_a_users_program_passes_strict_mypy(source, request, mypy_cache, tmp_path):
     environment = dict(os.environ)
     if source == "wheel":
-        zipfile.ZipFile(wheel_file).extractall(tmp_path / "site")
+        zipfile.ZipFile(request.getfixturevalue("wheel_file")).extractall(tmp_path / "site")
         environment["PYTHONPATH"] = str(tmp_path / "site")  # before what is installed
     (tmp_path / "program.py").write_text(TYPED, encoding="utf-8")
     command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(mypy_cache), "program.py"]

@@ -1,5 +1,6 @@
 """The native batch against the single environments: the same bits for any size and number of threads, in all modes."""
 
+import functools
 import os
 import pickle
 import subprocess
@@ -13,10 +14,10 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from stepping import N_ACTIONS
 
+from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.config.params import load_params
-from sffr_gym.envs import batch
-from sffr_gym.envs.fleet import make_fleet
+from sffr_gym.envs import batch, vector
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.episode import draw, nominal
@@ -71,7 +72,7 @@ def scenario(user_scenario):
 def test_batch_equals_single_environments(scenario, mode, n):
     """Outputs, infos and autoreset are those of Gymnasium's loop over single environments, whatever ends them."""
     native = SFFRFlexVectorEnv(n, scenario=scenario, autoreset_mode=mode)
-    single = SyncVectorEnv([lambda: SFFRFlexEnv(scenario)] * n, autoreset_mode=mode)
+    single = SyncVectorEnv([lambda: SFFRFlexEnv(scenario, native.params)] * n, autoreset_mode=mode)
     assert native.observation_space == single.observation_space and native.action_space == single.action_space
     assert native.metadata["autoreset_mode"] == single.metadata["autoreset_mode"] == mode
     assert_outputs_agree(native.reset(seed=100), single.reset(seed=100))
@@ -130,25 +131,15 @@ def test_plants_come_and_go_with_the_scenario():
 @pytest.mark.parametrize(("threads", "chunk", "spans"), [(1, 1, 1), (2, 16, 2), (3, 8, 3), (3, 20, 2), (8, 8, 5)])
 def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
     """However a batch is cut up for the threads, it goes through the same states."""
-    n, calls = 45, []  # forty in lanes, and five
-
-    step = batch.step_range
-
-    def spy(*arguments):
-        calls.append(arguments[-2:])
-        step(*arguments)
-
-    monkeypatch.setattr(batch, "step_range", spy)
-    results = []
+    n, results = 45, []  # forty in lanes, and five
     for setting in ((1, 32), (threads, chunk)):
         monkeypatch.setattr(batch, "THREADS", setting[0])
-        monkeypatch.setattr(batch, "SMALLEST_CHUNK", setting[1])
+        monkeypatch.setattr(vector, "Stepper", functools.partial(batch.Stepper, smallest=setting[1]))
         env = SFFRFlexVectorEnv(n, scenario=scenario)
         env.reset(seed=3)
-        calls.clear()
         results.append([env.step(inputs) for inputs in actions(90, n)])
-    assert len(calls) == 90 * (spans + 1)
-    parts = sorted(calls[: spans + 1])
+        parts = [call.arguments[-2:] for calls in env._stepper._steps for call in calls]
+    assert len(parts) == spans + 1
     assert [first for first, _ in parts] == [0] + [last for _, last in parts[:-1]] and parts[-1] == (40, n)
     for left, right in zip(*results, strict=True):
         assert_outputs_agree(left, right)
@@ -158,18 +149,22 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
 def test_a_neighbour_that_blows_up_does_no_harm(n):
     """A state that overflows ends its own episode alone; the others do not feel it, one after the other or in lanes."""
     robot, params = make_task_model(load_params()), load_params()
-    fleet, rng = make_fleet(robot), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     episodes = [draw(load_scenario("excited"), nominal(params), rng) for _ in range(n)]
-    envs, alone, memory = batch.make_batch(robot, n), batch.make_batch(robot, n), batch.batch_memory(robot, n)
-    for i, episode in enumerate(episodes):
-        batch.start_episode(fleet, envs, memory, i, episode)
-        batch.start_episode(fleet, alone, memory, i, episode)
+    envs, alone = batch.make_batch(robot, n), batch.make_batch(robot, n)
+    steppers = []
+    for each in (envs, alone):
+        stepper = batch.Stepper(batch.step_range, Structures([robot]), each, N_ACTIONS, batch.group_shapes(robot))
+        for i, episode in enumerate(episodes):
+            batch.put_episode(each, i, episode)
+            stepper.observe(i)
+        stepper.actions[:] = actions(1, n)[0]
+        steppers.append(stepper)
     envs.v[1, 4] = 1.0e200
-    inputs = actions(1, n)[0]
-    others = np.arange(n) != 1
+    others = steppers[1].active[:] = np.arange(n) != 1
     with np.errstate(all="ignore"):  # where the kernels are not compiled
-        batch.step_batch(fleet, envs, memory, inputs, np.ones(n, dtype=bool))
-    batch.step_batch(fleet, alone, memory, inputs, others)
+        steppers[0].step()
+    steppers[1].step()
     assert REASONS[envs.status[1]] == "non-finite state"
     for left, right in zip(envs, alone, strict=True):
         np.testing.assert_array_equal(left[others], right[others])

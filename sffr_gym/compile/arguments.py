@@ -47,9 +47,8 @@ class Structures(Sequence[Any]):
 
     def __setitem__(self, i: int, item: Any) -> None:
         """Put another one of the same form in a place; prepared calls see it."""
+        self.rows[i] = self._words(item)
         self._items[i] = item
-        if self._rows is not None:
-            self._rows[i] = self._words(item)
 
     def __iter__(self) -> Iterator[Any]:
         """Iterate over them."""

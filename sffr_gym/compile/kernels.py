@@ -80,6 +80,10 @@ class Entry:
         """Call the kernel once."""
         self.bind(*arguments)()
 
+    def __reduce__(self) -> str:
+        """Copy it as what it is called in its module: there is one of each."""
+        return self.function.__name__
+
 
 class Call:
     """An entry with its arguments, see :meth:`Entry.bind`; a copy of it is one with copies of these."""

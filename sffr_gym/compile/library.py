@@ -126,11 +126,13 @@ def build_library(message: str, *arguments: str) -> None:
 
 
 def current_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest in a folder if it is one of the present sources."""
-    if not (folder / MANIFEST).is_file():
+    """Return the manifest in a folder if it is a whole one of the present sources, whose files are there."""
+    try:
+        manifest: dict[str, Any] = read_json(folder / MANIFEST)
+        current = manifest["sources"] == hash_of(manifest["modules"])
+        return manifest if current and all((folder / file).is_file() for file in manifest["files"].values()) else None
+    except (ConfigError, KeyError, TypeError, AttributeError):  # none, or a damaged one
         return None
-    manifest: dict[str, Any] = read_json(folder / MANIFEST)
-    return manifest if manifest["sources"] == hash_of(manifest["modules"]) else None
 
 
 def hash_of(modules: Iterable[str]) -> str:

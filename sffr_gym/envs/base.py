@@ -72,6 +72,10 @@ class RobotEnvironment:
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = None if spec is None else replace(spec, kwargs=plain(spec.kwargs))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: all but the stepper, whose calls know where the arrays of this one lie."""
+        return {name: value for name, value in self.__dict__.items() if name != "_stepper"}
+
     def get_state(self) -> dict[str, Any]:
         """Everything that the future depends on; a copy that :meth:`set_state` restores bit for bit."""
         return copy.deepcopy(self._kept())
@@ -119,10 +123,6 @@ class RobotEnvironment:
     def _make_stepper(self) -> Stepper:
         """Return what advances the batch."""
         raise NotImplementedError
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Copy all but the stepper, whose calls know where the arrays of this environment lie."""
-        return {name: value for name, value in self.__dict__.items() if name != "_stepper"}
 
     def _forget_stepper(self) -> None:
         """Let another stepper be made, for arrays that were replaced."""

@@ -47,6 +47,9 @@ def build(folder: Path, levels: Sequence[str]) -> None:
             manifest["files"][level] = name
         (Path(place) / MANIFEST).write_text(to_json(manifest))
         os.replace(Path(place) / MANIFEST, folder / MANIFEST)
+    for file in folder.glob("kernels-*.so"):  # of earlier builds
+        if file.name not in manifest["files"].values():
+            file.unlink()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
