@@ -237,7 +237,7 @@ def test_copied_simulators_and_policies_work(copied):
     state, command = simulator.initial_state(), {"base": [1.0, 0.0, 0.1]}
     other = copied(simulator)
     assert other.step(state, **command).q.tolist() == simulator.step(state, **command).q.tolist()
-    assert other._work is not simulator._work
+    assert other._plant.work is not simulator._plant.work
     policy, (obs, _) = make_policy("ahsc", env), env.reset(seed=0)
     policy(obs)
     another = copied(policy)

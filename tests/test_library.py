@@ -170,7 +170,7 @@ def builder(folder, monkeypatch):
 def test_the_library_is_built_where_sources_have_changed(builder, module, folder, capsys):
     for text, builds in (("GAIN = 1.0\n", 1), ("GAIN = 1.0\n", 1), ("GAIN = 2.0\n", 2)):
         module.write_text(text)
-        assert library._current_manifest()["modules"] == ["law"]
+        assert library._built_manifest()["modules"] == ["law"]
         assert len(builder.runs) == builds
     command, options = builder.runs[0]
     assert command == [sys.executable, "-m", "sffr_gym.compile.builder", str(folder)]
@@ -195,13 +195,13 @@ def test_the_library_is_built_where_sources_have_changed(builder, module, folder
 def test_a_damaged_library_is_built_anew(builder, module, folder, manifest):
     folder.mkdir()
     (folder / library.MANIFEST).write_text(manifest)
-    assert library._current_manifest()["modules"] == ["law"]
+    assert library._built_manifest()["modules"] == ["law"]
     assert len(builder.runs) == 1
 
 
 def test_of_many_at_once_one_builds(builder, module):
     found = []
-    threads = [threading.Thread(target=lambda: found.append(library._current_manifest())) for _ in range(8)]
+    threads = [threading.Thread(target=lambda: found.append(library._built_manifest())) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -187,7 +187,7 @@ def test_plants_of_a_batch_that_do_not_fit_are_refused():
                 continue
             with pytest.raises(ValueError, match=r"state\.fleet"):
                 env.set_state(state)
-    for changes in ({"staggered": (True,)}, {"numbers": np.zeros((3, 5))}, {"integers": integers[:2]}):
+    for changes in ({"numbers": np.zeros((3, 5))}, {"integers": integers[:2]}):
         state = env.get_state()
         state["fleet"] = state["fleet"]._replace(**changes)
         with pytest.raises(ValueError, match="of another robot"):

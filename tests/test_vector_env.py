@@ -138,7 +138,7 @@ def test_threads_do_not_matter(monkeypatch, scenario, threads, chunk, spans):
         env = SFFRFlexVectorEnv(n, scenario=scenario)
         env.reset(seed=3)
         results.append([env.step(inputs) for inputs in actions(90, n)])
-        parts = [call.arguments[-2:] for calls in env._stepper._steps for call in calls]
+        parts = [call.arguments[-2:] for calls in env._stepper._in_lanes for call in calls]
     assert len(parts) == spans + 1
     assert [first for first, _ in parts] == [0] + [last for _, last in parts[:-1]] and parts[-1] == (40, n)
     for left, right in zip(*results, strict=True):

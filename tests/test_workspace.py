@@ -10,7 +10,7 @@ from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_baselines.policies import make_policy
 from sffr_baselines.rollout import rollout
 from sffr_gym.compile.lanes import ALIGNMENT, WIDTH
-from sffr_gym.compile.workspace import Constant, Integers, allocate, new_workspace, structure, workspace
+from sffr_gym.compile.workspace import Integers, allocate, new_workspace, structure, workspace
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.batch import group_shapes
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -75,16 +75,13 @@ class Row(NamedTuple):
     whole: int
     vector: Array
     wholes: Array
-    flag: tuple
 
 
 def test_rows_hold_numbers_and_whole_numbers():
     numbers, integers = np.array([0.25, 2.0, 3.0]), np.array([7, 1, 0, 2])
-    shapes = Row(number=(), whole=Integers(()), vector=(2,), wholes=Integers((3,)), flag=Constant((True,)))
+    shapes = Row(number=(), whole=Integers(()), vector=(2,), wholes=Integers((3,)))
     row = structure(numbers, integers, shapes)
-    assert (row.number, row.whole, row.vector.tolist(), row.wholes.tolist(), row.flag) == (
-        0.25, 7, [2.0, 3.0], [1, 0, 2], (True,),
-    )  # fmt: skip
+    assert (row.number, row.whole, row.vector.tolist(), row.wholes.tolist()) == (0.25, 7, [2.0, 3.0], [1, 0, 2])
     assert type(row.number) is float and type(row.whole) is int
     numbers[1] = 5.0
     assert row.vector[0] == 5.0
@@ -110,7 +107,7 @@ def test_kernels_read_nothing_that_they_have_not_written(make):
         env.reset(seed=0)
     for _ in range(5):
         actions = rng.uniform(-0.2, 0.2, clean.action_space.shape)
-        calls = [each for chunk in poisoned._stepper._steps for each in chunk]
+        calls = [each for chunk in poisoned._stepper._in_lanes for each in chunk]
         assert len(calls) >= 2 and all(poison(each) > 1000 for each in calls)
         for left, right in zip(clean.step(actions)[:2], poisoned.step(actions)[:2], strict=True):
             np.testing.assert_array_equal(left, right)
