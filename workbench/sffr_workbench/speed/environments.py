@@ -19,7 +19,8 @@ from sffr_workbench.speed.measure import Row, Section, one_core, rounds
 OURS, PEER = "SFFRFlex-v0", "HalfCheetah-v5"
 SIZES, QUICK_SIZES = (1, 16, 256, 1024, 4096), (1, 2)
 RESETS = "The resets of episodes that end are in the time."
-ACTIONS = 512  # different ones, drawn beforehand
+ACTIONS, MOST_NUMBERS = 512, 10_000_000  # different ones, drawn beforehand, and of how many numbers in all
+BATCH, LARGE = 1024, 65_536  # environments
 DURATION, QUICK_DURATION = 1.0, 0.01  # s of stepping in a round
 MEMORY_PER_PROCESS = 32 * 2**20  # bytes that a process of the asynchronous environment has for itself, at most
 
@@ -55,6 +56,30 @@ def vector(repeats: int, quick: bool, sizes: Iterable[int] | None = None) -> Sec
     return Section("vector", "Vector environments, random actions, all cores", rows, remarks)
 
 
+def batches(repeats: int, quick: bool) -> Section:
+    """Measure steps per second of our batches: of two sizes, without resets, and of robots that differ, all cores."""
+    small, large = QUICK_SIZES if quick else (BATCH, LARGE)
+    contenders: dict[str, tuple[str, int, dict[str, Any], float]] = {
+        "random": ("random actions and their resets", small, {}, 1.0),
+        "still": ("no actions, no resets", small, {}, 0.0),
+        "mismatch": ("robots that differ, no actions, no resets", small, {"scenario": "mismatch"}, 0.0),
+        "large-random": ("random actions and their resets", large, {}, 1.0),
+        "large-still": ("no actions, no resets", large, {}, 0.0),
+    }
+    with ExitStack() as stack:
+        steppers: dict[str, _VectorStepper] = {}
+        for key, (_, n, kind, size) in contenders.items():
+            env = gym.make_vec(OURS, num_envs=n, **kind)
+            stack.callback(env.close)
+            steppers[key] = _VectorStepper(env, QUICK_DURATION if quick else DURATION, size)
+        samples = rounds(steppers, repeats)
+    rows = [
+        Row(key, f"{n}, {what}", "env steps/s", samples[key], "" if key == "still" else "still", steppers[key].ends())
+        for key, (what, n, _, _) in contenders.items()
+    ]
+    return Section("batches", f"Batches of {OURS}, all cores", rows)
+
+
 def _vector_rows(n: int, modes: list[str], repeats: int, duration: float) -> list[Row]:
     """Measure all contenders of one size."""
     with ExitStack() as stack:
@@ -75,8 +100,8 @@ def _vector_rows(n: int, modes: list[str], repeats: int, duration: float) -> lis
 class _Stepper:
     """A contender that steps an environment for ``duration`` [s] and gives its steps per second."""
 
-    def __init__(self, env: Any, duration: float) -> None:
-        self._env, self._duration, self._actions = env, duration, _actions(env.action_space)
+    def __init__(self, env: Any, duration: float, size: float = 1.0) -> None:
+        self._env, self._duration, self._actions = env, duration, _actions(env.action_space, size)
         self._steps = self._ends = 0
         env.reset(seed=0)
 
@@ -113,10 +138,10 @@ class _VectorStepper(_Stepper):
         return steps / (perf_counter() - start)
 
 
-def _actions(space: Any) -> list[Any]:
-    """Draw uniform actions of a space."""
-    rng = np.random.default_rng(0)
-    return [rng.uniform(space.low, space.high).astype(space.dtype) for _ in range(ACTIONS)]
+def _actions(space: Any, size: float) -> list[Any]:
+    """Draw uniform actions of a space, times ``size``; few for a batch that draws many itself."""
+    rng, count = np.random.default_rng(0), max(4, min(ACTIONS, MOST_NUMBERS // space.low.size))
+    return [size * rng.uniform(space.low, space.high).astype(space.dtype) for _ in range(count)]
 
 
 def _silence_mujoco() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import gymnasium as gym
 import numpy as np
@@ -20,22 +22,26 @@ MIB = 2.0**20
 
 
 def memory(repeats: int, quick: bool) -> Section:
-    """Measure resident memory along a run of the vector and one of the single environment, resets included."""
+    """Measure resident memory along a run of the vector and one of the single environment, resets included.
+
+    Each in a process of its own, in which nothing else has been measured.
+    """
     periods = QUICK_PERIODS if quick else PERIODS
     rows = []
-    for key, what, step, length in (
-        ("vector", f"vector environment of {NUM_ENVS}", _vector(), periods),
-        ("single", "single environment", _single(), periods // SINGLE_PART),
+    for key, what, make, length in (
+        ("vector", f"vector environment of {NUM_ENVS}", _vector, periods),
+        ("single", "single environment", _single, periods // SINGLE_PART),
     ):
-        readings = _readings(step, length)
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            readings = pool.submit(_readings, make, length).result()
         note = f"first reading {readings[0]:.1f}, last {readings[-1]:.1f}"
         rows.append(Row(key, f"{what}, {length:,} control periods", "MiB", tuple(readings), note=note))
     return Section("memory", f"Resident memory, {READINGS} readings after each {100 // READINGS} % of a run", rows)
 
 
-def _readings(step: Callable[[], int], periods: int) -> list[float]:
-    """Measure resident memory [MiB] along ``periods`` control periods, of which a call of ``step`` makes some."""
-    process, readings, done = psutil.Process(), [], 0
+def _readings(make: Callable[[], Callable[[], int]], periods: int) -> list[float]:
+    """Measure resident memory [MiB] along ``periods`` control periods, of which a call of what is made makes some."""
+    process, readings, done, step = psutil.Process(), [], 0, make()
     for k in range(READINGS):
         while done < periods * (k + 1) // READINGS:
             done += step()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from sffr_gym import ConfigError
 from sffr_gym.config.suggestion import did_you_mean
-from sffr_workbench.speed.environments import single, vector
+from sffr_workbench.speed.environments import batches, single, vector
 from sffr_workbench.speed.growth import growth
 from sffr_workbench.speed.measure import Section
 from sffr_workbench.speed.memory import memory
@@ -22,6 +22,7 @@ MEASUREMENTS: dict[str, Callable[[int, bool], Section]] = {
     "loop": closed_loop,
     "gym": single,
     "vector": vector,
+    "batches": batches,
     "growth": growth,
     "memory": memory,
     "starts": starts,

@@ -49,6 +49,10 @@ def _change(section: Section) -> float:
     return max(changes)
 
 
+def _ratio(key: str, versus: str) -> Callable[[Section], float]:
+    return lambda section: section[key].median / section[versus].median
+
+
 _RULES = (
     _Rule("physics alone against MuJoCo RK4", "physics", lambda s: s.ratio(s["RK4"]), 7.0, True, "times"),
     _Rule(
@@ -60,14 +64,19 @@ _RULES = (
         lambda s: s["sffr-gym ETDRK4 2 ms"].extra["error_max"], TARGET, False, "",
     ),
     _Rule("closed loop with AHSC", "loop", lambda s: s["ahsc"].median, 400.0, True, "times real time"),
-    _Rule("gym.make against HalfCheetah-v5", "gym", lambda s: s.ratio(s["peer"]), 1.5, True, "times"),
-    _Rule("vector environment of 1024", "vector", lambda s: s["ours-1024"].median, 500_000.0, True, "periods/s"),
+    _Rule("gym.make against HalfCheetah-v5", "gym", lambda s: s.ratio(s["peer"]), 3.0, True, "times"),
+    _Rule("vector environment of 1024", "vector", lambda s: s["ours-1024"].median, 1_000_000.0, True, "periods/s"),
     _Rule(
         "the same against the fastest HalfCheetah-v5 vector environment", "vector",
-        lambda s: s["ours-1024"].median / _fastest_peer(s), 30.0, True, "times",
+        lambda s: s["ours-1024"].median / _fastest_peer(s), 80.0, True, "times",
     ),
+    _Rule(
+        "65,536 environments against 1,024, random actions", "batches", _ratio("large-random", "random"), 1.0, True, "",
+    ),
+    _Rule("random actions with their resets against none", "batches", _ratio("random", "still"), 0.8, True, ""),
+    _Rule("robots that differ against such that are alike", "batches", _ratio("mismatch", "still"), 0.7, True, ""),
     _Rule("import sffr_gym", "starts", lambda s: s["import"].median, 0.8, False, "s"),
-    _Rule("start to first step of gym.make", "starts", lambda s: s["single"].median, 3.0, False, "s"),
+    _Rule("start to first step of gym.make", "starts", lambda s: s["single"].median, 1.0, False, "s"),
     _Rule("change of resident memory after a tenth of the run", "memory", _change, 1.0, False, "%"),
 )  # fmt: skip
 
