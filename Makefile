@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results train test coverage mutants hostile valgrind bench format lint types contracts check api wheel clean
+.PHONY: help run verify results train test proofs coverage mutants hostile valgrind bench format lint types contracts check api wheel clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -41,8 +41,11 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 	$(BIN)/sffr seeds runs/train-scores
 	$(BIN)/sffr seeds runs/train-excited
 
-test: $(VENV)/.dev ## all tests; PYTEST_ARGS="-m 'not slow'" leaves out the slow ones
-	$(BIN)/python -m pytest -n 2 $(PYTEST_ARGS)
+test: $(VENV)/.dev ## the tests, but the slow ones
+	$(BIN)/python -m pytest -n 2 -m "not slow" $(PYTEST_ARGS)
+
+proofs: $(VENV)/.dev ## the slow tests: flipped signs, other engines, the golden record, killed commands, built wheels
+	$(BIN)/python -m pytest -n 2 -m slow $(PYTEST_ARGS)
 
 coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that tests run with kernels as Python
 	SFFR_INTERPRETED=1 $(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term $(COVERED:%=tests/test_%.py)
@@ -74,7 +77,7 @@ types: $(VENV)/.dev ## static types
 contracts: $(VENV)/.dev ## which package may import which
 	$(BIN)/lint-imports
 
-check: lint types contracts test ## lint, types, contracts and test
+check: lint types contracts test ## lint, types, contracts and test, without proofs
 
 api: $(VENV)/.docs ## the API reference from the docstrings, into docs/_build/html; a warning is an error
 	SFFR_INTERPRETED=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
