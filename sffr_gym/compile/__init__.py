@@ -1,6 +1,7 @@
-"""The compiler's side of the kernels: numba and what it needs are known in this folder and nowhere else.
+"""Kernels and the library that they are compiled into; the compiler itself is known in ``builder`` and nowhere else.
 
-``jit``: the decorators of kernels and of functions inlined in them, and the cache of what is compiled; ``workspace``:
-named arrays in memory that is made once and handed in; ``lanes``: eight numbers as one, the vector registers' kind of
-number; ``linalg``, ``angles``: small linear algebra, and sines and cosines that are refreshed, for each kind.
+``kernels``: functions that are compiled, and entries, which Python calls; ``arguments``: how arrays and numbers are
+handed to them; ``library``: what is loaded; ``workspace``: named arrays in memory that is made once; ``lanes``: eight
+numbers as one, the vector registers' kind of number; ``linalg``, ``angles``: small linear algebra, sines and cosines
+that are refreshed; ``threads``: how many may run; ``builder``: what builds the library.
 """
