@@ -5,7 +5,10 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt --editable
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt
+INSTALL := $(PIP) --no-build-isolation --editable
+# What building the package needs, of pyproject.toml: the kernels are compiled with the versions that are tested.
+NEEDS := import shutil, tomllib; link = [] if any(map(shutil.which, ("cc", "gcc", "clang"))) else ["ziglang"]; read = tomllib.load(open("pyproject.toml", "rb")); own = read["project"]; print(*read["build-system"]["requires"], *own["dependencies"], *own["optional-dependencies"]["compile"], *link, sep="\n")
 ROOMS := sffr_gym baselines agents workbench tests docs
 POLICIES := none hsc ahsc ppo sac
 PYTEST_ARGS ?=
@@ -79,7 +82,7 @@ contracts: $(VENV)/.dev ## which package may import which
 
 check: lint types contracts test ## lint, types, contracts and test, without proofs
 
-api: $(VENV)/.docs ## the API reference from the docstrings, into docs/_build/html; a warning is an error
+api: $(VENV)/.dev ## the API reference from the docstrings, into docs/_build/html; a warning is an error
 	SFFR_INTERPRETED=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
 
 wheel: $(VENV)/.dev ## a wheel with compiled code for all levels of x86-64, into dist/
@@ -91,25 +94,26 @@ clean: ## remove the virtual environment, tool caches and build products, but no
 	find $(ROOMS) -name __pycache__ -prune -exec rm -rf {} +
 
 # What is installed is installed again when the list of dependencies or of their versions changes, and only then.
-$(VENV)/.run: pyproject.toml constraints.txt | $(BIN)/pip
-	@echo "Installing the package into $(VENV) ..."
+$(VENV)/.needs: pyproject.toml constraints.txt | $(BIN)/pip
+	@echo "Installing what the package is built with into $(VENV) ..."
+	@$(BIN)/python -c '$(NEEDS)' > $@.txt
+	@$(PIP) -r $@.txt
+	@touch $@
+
+$(VENV)/.run: pyproject.toml constraints.txt | $(VENV)/.needs
+	@echo "Installing the package into $(VENV), and compiling its kernels ..."
 	@$(INSTALL) ".[plot,report]"
 	@touch $@
 
-$(VENV)/.verify: pyproject.toml constraints.txt | $(BIN)/pip
+$(VENV)/.verify: pyproject.toml constraints.txt | $(VENV)/.needs
 	@echo "Installing the package and the engines that it is checked against into $(VENV) ..."
 	@$(INSTALL) ".[verify]"
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/pip
+$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.needs
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
 	@$(INSTALL) ".[dev]"
 	@touch $@ $(VENV)/.run $(VENV)/.verify
-
-$(VENV)/.docs: pyproject.toml constraints.txt | $(VENV)/.dev
-	@echo "Installing the package and what builds its API reference into $(VENV) ..."
-	@$(INSTALL) ".[docs]"
-	@touch $@
 
 $(BIN)/pip:
 	@for python in python3.11 python3; do \

@@ -1,6 +1,7 @@
 """Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/builder``."""
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -10,6 +11,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 FOLDER = Path("sffr_gym", "compile", "binaries")
+COMPILERS = ("cc", "gcc", "clang")  # of C, one of which links
 
 
 class CompiledKernels(BuildHookInterface[Any]):
@@ -18,7 +20,8 @@ class CompiledKernels(BuildHookInterface[Any]):
     def dependencies(self) -> list[str]:
         """Return what building needs: what the package needs itself, and the compiler."""
         core = self.metadata.core
-        return [*core.dependencies, *core.optional_dependencies["compile"]]
+        linker = [] if any(map(shutil.which, COMPILERS)) else ["ziglang"]
+        return [*core.dependencies, *core.optional_dependencies["compile"], *linker]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library, and tag the wheel with the platform that it is for."""

@@ -117,8 +117,11 @@ def build_library(message: str, *arguments: str) -> None:
     """Build the library in a process of its own; see :mod:`sffr_gym.compile.builder`.
 
     Raises:
-        subprocess.CalledProcessError: if that fails.
+        LookupError: without the compiler.
+        subprocess.CalledProcessError: if it fails.
     """
+    if importlib.util.find_spec("numba") is None:
+        raise LookupError("to compile them needs pip install 'sffr-gym[compile]'")
     print(message, file=sys.stderr, flush=True)
     paths = os.pathsep.join(path for path in sys.path if path)
     command = [sys.executable, "-m", "sffr_gym.compile.builder", str(FOLDER), *arguments]
