@@ -242,3 +242,22 @@ def test_a_damaged_state_is_refused_or_works(batches, data):
         for _ in range(2):
             obs, reward, *_ = env.step(np.zeros(env.action_space.shape))
             assert part == "fleet" or (obs in env.observation_space and np.isfinite(reward).all())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_how_the_arrays_of_a_state_lie_does_not_matter(kind):
+    """Column by column, with gaps or backwards, as slices of something larger may."""
+
+    def scattered(array):
+        wide = np.zeros((*array.shape[:-1], 2 * array.shape[-1]), dtype=array.dtype)
+        wide[..., ::-2] = array
+        return wide[..., ::-2]
+
+    env = make(kind)
+    state = env.get_state()
+    expected = future(env)
+    for lay in (np.asfortranarray, scattered):
+        state["batch"] = type(state["batch"])(*map(lay, state["batch"]))
+        env.set_state(state)
+        for left, right in zip(future(env), expected, strict=True):
+            np.testing.assert_array_equal(left, right)

@@ -34,6 +34,17 @@ def conform(value: Any, template: Any, where: str) -> Any:
     return value
 
 
+def contiguous(value: Any) -> Any:
+    """Return mappings and tuples of arrays with all arrays as compiled code has them: aligned, row by row."""
+    if isinstance(value, np.ndarray):
+        return np.require(value, requirements=["C", "ALIGNED"]).reshape(value.shape)
+    if isinstance(value, Mapping):
+        return {key: contiguous(entry) for key, entry in value.items()}
+    if hasattr(value, "_fields"):
+        return type(value)(*map(contiguous, value))
+    return value
+
+
 def _differences(value: Any, template: Any, where: str) -> Iterator[str]:
     """Yield what is different, in words."""
     if template is None:

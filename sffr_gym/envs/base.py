@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from gymnasium.envs.registration import EnvSpec
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.template import contiguous
 from sffr_gym.envs.arguments import ScenarioLike, plain, resolve_scenario
 from sffr_gym.envs.batch import Stepper
 from sffr_gym.envs.starts import check_starts
@@ -91,7 +92,7 @@ class RobotEnvironment:
                 environment then stays as it was.
         """
         check_form(state, self._form(), self._SAME)
-        kept = copy.deepcopy(dict(state))
+        kept = contiguous(copy.deepcopy(dict(state)))
         kept["scenario"] = self._checked_scenario(kept["scenario"])
         self._put(kept, self._check(kept))
 
