@@ -41,7 +41,7 @@ def trained(monkeypatch):
     """Every training that a search asks for, which costs what its settings say; it may be made to die in the n-th."""
     asked = []
 
-    def fake(config, seed, out, progress, tell):
+    def fake(config, seed, out, report):
         asked.append((config.learning.gamma, config.learning.n_epochs, seed))
         if len(asked) == trained.last:
             raise Killed
@@ -251,7 +251,7 @@ def test_training_of_another_trial_is_not_taken(plan, tmp_path):
     folder = tmp_path / module.TRAININGS / f"{config.hash()}-0"
     train(config.model_copy(update={"steps": 16}), 0, folder)
     with pytest.raises(ConfigError, match="holds another training than its name says"):
-        module._train_and_score(config, 0, tmp_path, None, print)
+        module._train_and_score(config, 0, tmp_path, module._Report(None, print))
 
 
 def test_full_disk_says_what_is_kept(plan, trained, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import optuna
@@ -123,22 +123,29 @@ def _run_missing(
         for k in range(plan.seeds):
             what = f"trial {done + 1} of {plan.trials}, seed {k}{_best_so_far(trials)}"
             training = _training_progress(progress, what, done * plan.seeds + k, plan.trials * plan.seeds)
-            costs.append(_train_and_score(config, k, run.path, training, tell))
+            costs.append(_train_and_score(config, k, run.path, _Report(training, tell)))
         trials.add(values, float(interquartile_mean(np.concatenate(costs))))
         _write_results(run, trials, plan)
     _write_results(run, trials, plan)
     run.finish()
 
 
-def _train_and_score(config: TrainConfig, seed: int, out: Path, progress: TrainingProgress, tell: Tell) -> Array:
+class _Report(NamedTuple):
+    """Who is told of a training."""
+
+    progress: TrainingProgress
+    tell: Tell  #: of damaged checkpoints
+
+
+def _train_and_score(config: TrainConfig, seed: int, out: Path, report: _Report) -> Array:
     """Return the costs (episodes, scenarios) of the best policy of one training, which resumes where it was killed."""
     folder = out / TRAININGS / f"{config.hash()}-{seed}"
     if holds_run(folder):
         if read_run(folder) != (config, seed):
             raise ConfigError(f"{folder}: holds another training than its name says; move it away first")
-        resume(folder, progress, tell)
+        resume(folder, report.progress, report.tell)
     else:
-        train(config, seed, folder, progress)
+        train(config, seed, folder, report.progress)
     params = resolve_params(None, config.environment.overrides)
     return Validator(config.validation, params).episode_costs(load_schedule(folder / BEST))
 
