@@ -254,3 +254,12 @@ def test_entries_are_called_by_the_names_of_their_functions():
 def test_every_form_of_the_tests_own_is_found(small):
     for entry, arguments in exemplars():
         assert small.function(entry.name, Block(arguments).form)
+
+
+def test_an_item_can_be_replaced_before_a_call_is_prepared():
+    """As where kernels run as Python, and no call ever is; its form is compared all the same."""
+    robots = Structures([robot(), robot()])
+    robots[1] = robot(gain=7.0)
+    assert robots[1].gain == 7.0
+    with pytest.raises(TypeError, match="a structure of the form"):
+        robots[0] = (1.0,)

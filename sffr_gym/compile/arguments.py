@@ -47,7 +47,8 @@ class Structures(Sequence[Any]):
 
     def __setitem__(self, i: int, item: Any) -> None:
         """Put another one of the same form in a place; prepared calls see it."""
-        self.rows[i] = self._words(item)
+        rows = self.rows  # first, since the form that an item must have comes with them
+        rows[i] = self._words(item)
         self._items[i] = item
 
     def __iter__(self) -> Iterator[Any]:

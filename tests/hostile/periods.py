@@ -103,11 +103,12 @@ class Periods:
 
     def attempt(self, trial: Trial, folder: Path) -> tuple[str, dict[str, int]]:
         """Step it."""
+        plan = json.loads((folder / "plan.json").read_text())
         try:
-            return WORKED, self._run(json.loads((folder / "plan.json").read_text()), PERIODS)
+            return WORKED, self._run(plan, PERIODS)
         except ConfigError as error:
             places = ["robot.yaml", "override", *(f"{section}." for section in Params.model_fields), "law", "damping"]
-            check_refusal(str(error), places)
+            check_refusal(str(error), [*places, plan["scenario"]])
             return REFUSED, {}
 
     def _run(self, plan: dict[str, Any], periods: int) -> dict[str, int]:
