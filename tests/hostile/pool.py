@@ -183,7 +183,8 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def _obituary(self, code: int) -> str:
-        cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        told = self._errors.read_text(errors="replace").splitlines()[-1:]  # the exception, if there was one
+        cause = signal.Signals(-code).name if code < 0 else f"exit code {code}, {' '.join(told)}"
         return f"the process died of {cause}: {self._last_frame()}"
 
     def _last_frame(self) -> str:
