@@ -40,9 +40,9 @@ class Payload:
 
 
 def unpack(content: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of a valid file."""
+    """Return the arrays of a file, which may hold other members too."""
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+        return {name: array for name in arrays.files if isinstance(array := arrays[name], np.ndarray)}
 
 
 def array_bytes(values: np.ndarray) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -183,7 +184,8 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def _obituary(self, code: int) -> str:
-        told = self._errors.read_text(errors="replace").splitlines()[-1:]  # the exception, if there was one
+        lines = self._errors.read_text(errors="replace").splitlines()
+        told = [line for line in lines if re.match(r"[\w.]*(Error|Exception|Unsatisfiable|HealthCheck)\b", line)][-1:]
         cause = signal.Signals(-code).name if code < 0 else f"exit code {code}, {' '.join(told)}"
         return f"the process died of {cause}: {self._last_frame()}"
 
