@@ -27,7 +27,7 @@ from sffr_gym.types import Array
 
 MOST_TICKS = 2**31 - 1  # control periods of an episode
 MOST_STEPS = 100_000  # integration steps in a control period
-FAR = 1.0e6  # m, rad and their rates: no reference reaches so far, and no noise is so large
+FAR = 1.0e6  # m, rad and their rates: no robot or reference gets so far, and no noise is so large
 LARGE = 1.0e100  # whose square is finite; for what was measured
 STIFF = Sizes._fields.index("stiff")
 SETTLED = ("period", "limits", "scale", "bound", "weights")  # numbers of a plant that no scenario draws
@@ -58,7 +58,7 @@ def check_batch(batch: Batch, prior: TaskModel) -> None:
     """Make sure that the numbers of a batch of the right form are such that the kernels can go on from them."""
     check_finite(batch, "state.batch")
     limits = {
-        "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
+        "p": (-FAR, FAR), "v": (-FAR, FAR), "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
         "clipped": (0, len(prior.scale)), "status": (0, len(REASONS) - 1), "level": (0.0, FAR),
         "obs": (-prior.bound, prior.bound), "reference": (-FAR, FAR), "signals": (-LARGE, LARGE),
     }  # fmt: skip
