@@ -58,7 +58,8 @@ def check_batch(batch: Batch, prior: TaskModel) -> None:
     """Make sure that the numbers of a batch of the right form are such that the kernels can go on from them."""
     check_finite(batch, "state.batch")
     limits = {
-        "p": (-FAR, FAR), "v": (-FAR, FAR), "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
+        "p": (-FAR, FAR), "v": (-FAR, FAR),
+        "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
         "clipped": (0, len(prior.scale)), "status": (0, len(REASONS) - 1), "level": (0.0, FAR),
         "obs": (-prior.bound, prior.bound), "reference": (-FAR, FAR), "signals": (-LARGE, LARGE),
     }  # fmt: skip
