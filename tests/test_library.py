@@ -341,3 +341,13 @@ def test_no_compiler_is_imported(code, tmp_path, user_scenario):
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "[]"
     assert (tmp_path / "run").is_dir() == ("evaluate" in code)
+
+
+def test_the_library_depends_on_all_that_goes_into_it():
+    """Kernels, constants that their modules import, and named tuples, whose fields have their places by their order."""
+    modules = set(library.current_manifest(library.FOLDER)["modules"])
+    kernels = {function.__module__ for function in KERNELS if function.__module__.startswith(("sffr_gym", "sffr_b"))}
+    assert kernels <= modules
+    assert {"sffr_gym.physics.beam", "sffr_gym.task.scenario"} <= modules, "N_TIP, MOST_IMPULSES"
+    assert {"sffr_gym.task.task_model", "sffr_gym.physics.model"} <= modules, "TaskModel, Model"
+    assert {"sffr_gym.compile.builder.views", "sffr_gym.envs.exemplars", "sffr_gym.envs.lane_plants"} <= modules

@@ -7,9 +7,12 @@ import pytest
 from sffr_baselines import POLICIES, make_policy
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import shipped_policies
+from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
+
+ONE_PANEL = "panel.mounts=[{name: one, root: [0.3, -0.7], angle: 2.1}]"
 
 LAWS = ["none", "hsc", "ahsc", "ahsc-filtered"]
 
@@ -166,3 +169,19 @@ def test_an_oracle_is_the_law_of_the_plant(base):
         actions = [oracle(obs) for obs in rows]
         np.testing.assert_array_equal(actions, [right(obs) for obs in rows])
     assert (np.array([wrong(obs) for obs in rows]) != actions).any()
+
+
+@pytest.mark.parametrize("change", [ONE_PANEL, "object=null", "actuators.piezo.array=patches"])
+def test_a_law_of_another_robot_runs_nowhere(change):
+    """Neither in the compiled loop nor by itself: it would read and write beyond the arrays of this one."""
+    env, other = SFFRFlexEnv(), SFFRFlexEnv(overrides=[change])
+    for own, foreign in ((env, other), (other, env)):
+        policy = make_policy("ahsc", foreign)
+        with pytest.raises(ValueError, match="ahsc was made for a robot with other observations or actuators"):
+            rollout(own, policy, 0)
+    wide, narrow = make_policy("ahsc", env), make_policy("ahsc", other)
+    obs, _ = env.reset(seed=0)
+    if len(obs) != other.observation_space.shape[0]:
+        for policy, own in ((narrow, env), (wide, other)):
+            with pytest.raises(ValueError, match="ahsc expects observations of"):
+                policy(own.reset(seed=0)[0])

@@ -77,6 +77,7 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
 
     Raises:
         ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then.
+        ValueError: for a law of a robot that has other observations or actuators.
     """
     obs, _ = env.reset(seed=seed)
     policy.reset(seed=seed)
@@ -132,6 +133,8 @@ def _run_compiled(
     env: SFFRFlexEnv, policy: LawPolicy, obs: Array, ticks: int, record: Record, progress: Progress
 ) -> tuple[int, str]:
     """Run the compiled closed loop, in pieces so that progress can be shown."""
+    if policy.law.at != env.prior_task.at or len(policy.law.scale) != len(env.prior_task.scale):
+        raise ValueError(f"{policy.name} was made for a robot with other observations or actuators than this one's")
     p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
     B_hat, episode = policy.initial_damping(), env.episode
     factor = np.ones_like(B_hat)

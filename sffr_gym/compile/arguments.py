@@ -2,9 +2,9 @@
 
 An argument is a named tuple, nested at will, of arrays and numbers. In the block its parts follow one another, depth
 first: a number takes a word, an array of ``n`` dimensions its address, ``n`` lengths and ``n`` strides, a named tuple
-of arrays that lie entry by entry an address and a length, and :class:`Structures` the address of their own words and
-how many they are. What kinds of parts there are is the *form* of
-the arguments, for which an entry is compiled; how long its arrays are is not a part of it.
+of arrays that lie entry by entry an address and a length, and :class:`Structures` the address of their own words, how
+many they are and how many words each has. What kinds of parts there are is the *form* of the arguments, for which an
+entry is compiled; how long its arrays are is not a part of it.
 """
 
 from __future__ import annotations

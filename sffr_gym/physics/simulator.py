@@ -89,11 +89,10 @@ class Simulator:
         self.model = pack(self.params)
         self.actuators = pack_actuators(self.params, self.model)
         self._beam = panel_beam(self.params)
-        self._integrator = INTEGRATORS[self.params.simulation.integrator]
 
     @cached_property
     def _plant(self) -> Plant:
-        return Plant(self.model, self._integrator)
+        return Plant(self.model, INTEGRATORS[self.params.simulation.integrator])
 
     def __getstate__(self) -> dict[str, Any]:
         """Copy the robot; a copy has memory of its own."""

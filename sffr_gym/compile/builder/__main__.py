@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from sffr_gym.compile.builder.emission import link
-from sffr_gym.compile.builder.parts import SOURCES, build_part, parts
-from sffr_gym.compile.kernels import KERNELS
+from sffr_gym.compile.builder.parts import build_part, parts, sources
 from sffr_gym.compile.library import HOST, LEVELS, MANIFEST, current_manifest, hash_of, own_levels
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import to_json
@@ -37,7 +36,7 @@ def build(folder: Path, levels: Sequence[str]) -> None:
                 functions[name] |= forms
             for level, content in emitted.items():
                 objects[level].append(content)
-    modules = sorted({*SOURCES, *(function.__module__ for function in KERNELS)})
+    modules = sources()
     manifest: dict[str, Any] = {"sources": hash_of(modules), "modules": modules, "functions": functions, "files": {}}
     with tempfile.TemporaryDirectory(dir=folder) as place:
         for level in levels:
