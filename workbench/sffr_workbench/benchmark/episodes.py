@@ -31,7 +31,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario, suite_hash
 from sffr_gym.task.score import Result
 from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_parts, remove_rows, row_files, write_row
-from sffr_workbench.common import Progress, end_with_parent, ignore
+from sffr_workbench.common import Progress, end_with_parent, ignore, interrupts_ignored
 from sffr_workbench.evaluation import PLAN_FILE, Identity, read_record, with_oracles
 
 MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
@@ -159,7 +159,9 @@ def _finish(files: Mapping[Task, Path], params: Params, jobs: int) -> Iterator[T
     jobs = max(min(jobs, len(files)), 1)
     own = {"initializer": end_with_parent, "initargs": (os.getpid(),)} if jobs > 1 else {}
     workers = Parallel(n_jobs=jobs, return_as="generator_unordered", **own)
-    with closing(workers(delayed(_run_and_keep)(task, params, file) for task, file in files.items())) as finished:
+    with interrupts_ignored():
+        started = workers(delayed(_run_and_keep)(task, params, file) for task, file in files.items())
+    with closing(started) as finished:
         yield from finished
 
 
