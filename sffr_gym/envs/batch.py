@@ -157,7 +157,8 @@ class Stepper:
             spans = list(itertools.pairwise(ends)) if last > first else []
             return [kernel.bind(groups, *arguments, *group_memory(shapes, width), *span) for span in spans]
 
-        self._in_lanes = [prepare(groups, 0, filled, WIDTH), prepare(self._plants, filled, n, 1)]
+        parts = prepare(groups, 0, filled, WIDTH), prepare(self._plants, filled, n, 1)
+        self._in_lanes = [calls for calls in parts if calls]
         self._one_by_one = [prepare(self._plants, 0, n, 1)] if own else self._in_lanes
         self._row = np.zeros(1, dtype=np.int64)
         self._observe = observe_row.bind(self._plants, batch, self._row, new_workspace(shapes.period))
@@ -175,7 +176,7 @@ class Stepper:
             if len(calls) > 1:
                 for job in [_pool().submit(call) for call in calls]:
                     job.result()
-            elif calls:
+            else:
                 calls[0]()
 
     def observe(self, i: int) -> None:

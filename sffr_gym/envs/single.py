@@ -205,8 +205,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         self._stepper.actions[0] = action
         self._stepper.step()
         self._note()
-        terminated = bool(batch.status[0] != RUNNING)
-        truncated = bool(batch.tick[0] >= ticks)
+        terminated, truncated = int(batch.status[0]) != RUNNING, int(batch.tick[0]) >= ticks
         return self._observed(), float(batch.reward[0]), terminated, truncated, self._info()
 
     def render(self) -> np.ndarray | None:
