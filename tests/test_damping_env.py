@@ -102,9 +102,9 @@ def test_no_sequence_of_actions_feeds_energy_into_a_panel(actions, seed):
         return np.einsum("imk,im->ik", tips, modes)
 
     for action in np.repeat(actions, 10, axis=0):
-        place, rate, B_hat = tip(env.positions), tip(env.velocities), env._damping.B_hat[0].copy()
+        place, rate, B_hat = tip(env.positions), tip(env.velocities), env._damping.law.B_hat[0].copy()
         env.step(action)
-        B = env._damping.factor[0] * B_hat
+        B = env._damping.law.factor[0] * B_hat
         assert (B[:, 1:] > 0.0).all() and (B[:, 1:] <= 10.0 * B_hat[:, 1:] * (1.0 + 1e-12)).all()
         work -= (B * rate * (tip(env.positions) - place)).sum(axis=1)
         assert (work <= 1e-9).all()

@@ -279,7 +279,7 @@ def damping_steps():
     env = SFFRFlexDampingEnv(agent_period=0.01)
     env.reset(seed=3)
     outputs = [np.append(*env.step(np.full(4, action))[:2]) for action in (0.3, -0.8, 1.0, -0.1)]
-    return np.concatenate([*outputs, env._batch.p[0], env._damping.B_hat.ravel()])
+    return np.concatenate([*outputs, env._batch.p[0], env._damping.law.B_hat.ravel()])
 
 
 def law_actions():

@@ -6,6 +6,7 @@ from oracle import Oracle
 from test_observation import LONG_ARM, Observer, expected_fields, make_params
 
 from sffr_baselines import make_policy
+from sffr_baselines.laws import LawPolicy, make_law
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import close_grasps, match_joint_rates
@@ -28,12 +29,12 @@ THREE_ARMS = [
 ]
 
 
-def grasping_params(overrides, arms):
-    """Parameters of a robot whose object is as wide as the arms' tips are apart."""
+def grasping_params(overrides, arms, turned=0.0):
+    """Parameters of a robot whose object, turned by an angle, is as wide as the arms' tips are apart."""
     params = load_params().with_overrides("object=null", *overrides)
     model, q = make_task_model(params).model, np.array(params.initial.q)
     ends = np.array([arm_points(model, q, 0 * q, arm)[1].x for arm in range(arms)])
-    points = ends - ends.mean(axis=0) + [0.12, -0.07]  # its centre of mass lies off their middle
+    points = (ends - ends.mean(axis=0)) @ rotation(turned) + [0.12, -0.07]  # its centre of mass lies off their middle
     grasps = ", ".join(f"{{arm: arm{i + 1}, point: [{x}, {y}]}}" for i, (x, y) in enumerate(points))
     return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: [{grasps}]}}")
 
@@ -44,7 +45,7 @@ ROBOTS = {
     "paper": lambda: load_params(),
     "yawed, tangent": lambda: make_params("tangent").with_overrides(STRAIGHT),
     "third link": lambda: grasping_params(LONG_ARM, arms=2),
-    "three arms": lambda: grasping_params([*THREE_ARMS, "path.heading=tangent"], arms=3),
+    "three arms": lambda: grasping_params([*THREE_ARMS, "path.heading=tangent"], arms=3, turned=0.4),
     "no object": lambda: make_params("free"),
 }
 
@@ -220,3 +221,21 @@ def test_sampled_errors_decay_as_designed(user_scenario):
             # Held forces are not quite held accelerations: joints and reference turn within a period.
             np.testing.assert_allclose(obs[at], e[name], rtol=0, atol=2e-3 * largest)
     assert np.abs(obs[places["object_error"]]).max() < 0.3 * largest
+
+
+@pytest.mark.parametrize("name", ["paper", "yawed, tangent", "three arms", "no object"])
+def test_integrals_add_to_the_error_law(name):
+    """An integral z of each tracked error acts as Ki z / Kd more of the error's rate does."""
+    params = ROBOTS[name]().with_overrides("control.Ki=600")
+    observer = Observer(params)
+    policy = LawPolicy("none", make_law("none", params))
+    obs, tracked = observer(*observer.perturbed(5), 7_000), policy.law.observer
+    z = np.random.default_rng(5).uniform(-0.3, 0.3, len(tracked.error))
+    policy(obs)
+    policy.states.integral[0] = z
+    integrated = policy(obs)
+    policy.states.integral[0] = 0.0
+    assert np.abs(integrated - policy(obs)).max() > 1e-3
+    policy.states.integral[0] = 0.0
+    obs[tracked.rate] += 600.0 * z / params.control.Kd
+    np.testing.assert_allclose(integrated, policy(obs), rtol=1e-9, atol=1e-12)

@@ -6,18 +6,23 @@ from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 
 from sffr_baselines import make_policy
-from sffr_baselines.regulator import BENDING, optimal_gain, sampled_panel
-from sffr_baselines.rollout import rollout
+from sffr_baselines.panel_reaction import BENDING
+from sffr_baselines.regulator import optimal_gain, sampled_panel, worth_of_effort
+from sffr_baselines.rollout import result_of, rollout
 from sffr_baselines.settings import load_regulator_weights
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.beam import beam
 from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.model import pack
 from sffr_gym.task.metrics import measure
+from sffr_gym.task.score import costs
 
 PARAMS = load_params()
 EFFORT = 3.3e-3
-STATES = [1, 2, 4, 5]  # of the gain's columns: q5, q6 and their rates
+K_PZ = pack_actuators(PARAMS, pack(PARAMS)).K_PZ[0]  # diagonal: a channel for each of q4, q5 and q6
+WEAK = ["actuators.piezo.force=0.04", "actuators.piezo.moment=0.04"]
 
 
 def panel():
@@ -29,10 +34,10 @@ def panel():
 
 
 def cost(gain, starts):
-    """Energy and priced volts of a clamped panel over 60 s under a gain (2, 4), from starts (4, n)."""
+    """Energy and priced volts of a clamped panel over 60 s under volts (2, 4) on q5 and q6, from starts (4, n)."""
     M, K, A, G = panel()
-    volts = np.array([200.0 / 47.5] * 2)
-    Q, R = block_diag(K, M) / 2.0, EFFORT * np.diag(volts**2)
+    G = G * 47.5 / 200.0
+    Q, R = block_diag(K, M) / 2.0, EFFORT * np.eye(2)
     x, total = starts, 0.0
     for _ in range(30_000):
         u = -gain @ x
@@ -94,7 +99,7 @@ def test_sampled_panel_is_scipys():
 
 def test_no_other_gain_costs_less():
     """The cost rises whichever entry of the gain moves, and either way."""
-    best = optimal_gain(PARAMS, EFFORT)[1:, STATES]
+    best = optimal_gain(PARAMS, K_PZ, EFFORT)[1:]
     starts = np.diag([0.1, 0.03, 0.1, 0.05])
     least = cost(best, starts)
     for entry in np.ndindex(best.shape):
@@ -104,19 +109,66 @@ def test_no_other_gain_costs_less():
             assert cost(other, starts) > least
 
 
-def test_axial_coordinate_is_left_alone():
-    gain = optimal_gain(PARAMS, EFFORT)
-    assert not gain[0].any() and not gain[:, [0, 3]].any()
-    alone = optimal_gain(PARAMS.with_overrides("suppression.coordinates=[q6]"), EFFORT)
-    assert not alone[1].any() and alone[2].any()
-    assert not optimal_gain(PARAMS.with_overrides("suppression.coordinates=[q4]"), EFFORT).any()
+def test_a_channel_that_does_not_bend_is_left_alone():
+    """The one along the panel; and all, if none bends it."""
+    gain = optimal_gain(PARAMS, K_PZ, EFFORT)
+    assert not gain[0].any() and gain[1:].all()
+    assert not optimal_gain(PARAMS, K_PZ[:, :1], EFFORT).any()
+
+
+def test_patches_share_the_work_by_what_they_do():
+    """A pair's faces pull against each other, and the volts have the least square that gives the forces."""
+    params = PARAMS.with_overrides("actuators.piezo.array=patches")
+    patches = pack_actuators(params, pack(params)).K_PZ[0]
+    gain = optimal_gain(params, patches, 1.0e-9)
+    np.testing.assert_allclose(gain[0::2], -gain[1::2], rtol=1e-9)
+    least = np.linalg.pinv(patches[BENDING]) @ (patches[BENDING] @ gain)
+    np.testing.assert_allclose(least, gain, rtol=1e-6, atol=1e-6 * np.abs(gain).max())
+
+
+def test_the_worth_of_effort_is_that_of_the_score():
+    """Of a free swing under AHSC's start, simulated: energy over effort, times their weights."""
+    M, K, A, G = panel()
+    volts = np.hstack([np.zeros((2, 2)), np.diag([1.5, 5.0])]) * 200.0 / 47.5
+    squares, shapes = np.linalg.eig(np.linalg.solve(M, K))
+    x, energy, effort = np.append(shapes[:, squares.argmin()], [0.0, 0.0]), 0.0, 0.0
+    for _ in range(30_000):
+        energy += 0.5 * x @ block_diag(K, M) @ x
+        effort += np.sum((volts @ x) ** 2)
+        x = A @ x - G @ (47.5 / 200.0 * (volts @ x))
+    assert worth_of_effort(PARAMS, K_PZ, swing=0.1) == pytest.approx(0.05 / 0.60 * energy / effort, rel=1e-6)
+
+
+def test_the_worth_of_effort_goes_with_authority():
+    """A tenth of the force takes ten times the volts, until they end; a larger swing ends them sooner."""
+    worth = worth_of_effort(PARAMS, K_PZ, 0.1)
+    assert worth_of_effort(PARAMS, K_PZ / 10.0, 0.1) == pytest.approx(worth / 100.0, rel=1e-9)
+    weak = PARAMS.with_overrides(*WEAK)
+    K_weak = pack_actuators(weak, pack(weak)).K_PZ[0]
+    scaled = worth * (0.04 / 47.5) ** 2
+    assert scaled < worth_of_effort(weak, K_weak, 0.1) < worth_of_effort(weak, K_weak, 0.2) < 100.0 * scaled
+
+
+@pytest.mark.parametrize("B0", ["[0, 0, 0]", "[0, 1.0e6, 1.0e6]"])
+def test_the_worth_of_effort_is_defined_without_a_usable_damping(B0):
+    """None at all, or what the sampled loop cannot run."""
+    worth = worth_of_effort(PARAMS.with_overrides(f"suppression.B0={B0}"), K_PZ, 1.0e-6)
+    assert 0.0 < worth < 1.0
+
+
+@pytest.mark.parametrize("overrides", [["actuators.piezo.array=patches"], WEAK], ids=["patches", "weak"])
+def test_lqr_costs_less_than_ahsc_with_other_piezos(overrides):
+    """Its price is that of the volts at hand, so that it neither idles nor squanders them."""
+    env = SFFRFlexEnv("excited", overrides=overrides)
+    results = {name: [result_of(rollout(env, make_policy(name, env), 7))] for name in ("ahsc", "lqr")}
+    assert costs(results)["lqr"] < 0.9
 
 
 def test_dearer_effort_means_smaller_gains():
-    sizes = [np.abs(optimal_gain(PARAMS, EFFORT * factor)).sum() for factor in (0.1, 1.0, 10.0)]
+    sizes = [np.abs(optimal_gain(PARAMS, K_PZ, EFFORT * factor)).sum() for factor in (0.1, 1.0, 10.0)]
     assert sizes[0] > sizes[1] > sizes[2]
     with pytest.raises(ValueError, match="effort_weight must be positive"):
-        optimal_gain(PARAMS, 0.0)
+        optimal_gain(PARAMS, K_PZ, 0.0)
 
 
 def test_no_force_at_the_quasi_static_motion():
@@ -151,22 +203,23 @@ def test_no_force_at_the_quasi_static_motion_of_a_tangent_path(yaw):
 
 
 def test_forces_follow_the_gain():
-    """tau = -G (x - x_qs) on each panel by itself; the shape is that of a clamped panel under its root's push."""
+    """volts = -G (x - x_qs) on each panel by itself; the shape is that of a clamped panel under its root's push."""
     env = SFFRFlexEnv()
     policy, fields = make_policy("lqr", env), env.fields
     moved, rest = observation(env, 3), observation(env, 3, still=True)
-    gain, gap = optimal_gain(PARAMS, load_regulator_weights().effort), moved - rest
-    x, xd = (gap[fields[name].slice].reshape(2, 3) for name in ("elastic", "elastic_rate"))
+    weights, gap = load_regulator_weights(), moved - rest
+    gain = optimal_gain(PARAMS, K_PZ, weights.effort * worth_of_effort(PARAMS, K_PZ, weights.swing))
+    x, xd = (gap[fields[name].slice].reshape(2, 3)[:, BENDING] for name in ("elastic", "elastic_rate"))
     wanted = -np.hstack([x, xd]) @ gain.T
-    np.testing.assert_allclose(policy(moved)[:6].reshape(2, 3) * 47.5, wanted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(policy(moved)[:6].reshape(2, 3) * 200.0, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_hsc_is_the_gain_of_pure_damping():
-    """With a gain of B0 on the rates and no quasi-static shape, the regulator's forces are HSC's."""
+    """With a gain of B0 on the rates and no quasi-static shape, the regulator's volts are HSC's."""
     env = SFFRFlexEnv()
     hsc, lqr = make_policy("hsc", env), make_policy("lqr", env)
-    gain = np.zeros((3, 6))
-    gain[:, 3:] = np.diag(hsc.law.suppression.B0 * hsc.law.suppression.damped)
+    gain = np.zeros((3, 4))
+    gain[1:, 2:] = np.diag([1.5, 5.0]) * 200.0 / 47.5
     lqr.law = lqr.law._replace(regulator=lqr.law.regulator._replace(gain=gain, shape=np.zeros(3)))
     for seed in range(3):
         obs = observation(env, seed)

@@ -181,7 +181,7 @@ def test_state_far_out_of_range_is_drawn():
     env = SFFRFlexEnv(render_mode="rgb_array")
     env.reset(seed=0)
     state = env.get_state()
-    state["batch"].p[0, 9:] *= 1e7
+    state["batch"].p[0, 9:] *= 1e5
     env.set_state(state)
     assert env.render().shape == (SIZE, SIZE, 3)
 

@@ -1,6 +1,7 @@
 """States as they pass the border: the same future where they fit; refused, with nothing changed, where they do not."""
 
 import copy
+import operator
 import pickle
 
 import numpy as np
@@ -115,7 +116,23 @@ BATCH = {  # values that a field of the batch cannot have
     "reward": [NAN], "terms": [NAN], "signals": [NAN], "cost": [NAN], "applied": [NAN], "clipped": [-1, 99],
     "status": [-1, len(REASONS)],
 }  # fmt: skip
-DAMPING = {"B_hat": [-1.0, NAN], "factor": [-1.0, np.inf], "features": [1e3, NAN], "reward": [NAN], "end": [-1, HUGE]}
+DAMPING = {
+    "law.B_hat": [-1.0, NAN], "law.factor": [-1.0, np.inf], "law.integral": [1e300, NAN], "law.errors": [NAN],
+    "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "features": [1e3, NAN], "reward": [NAN], "end": [-1, HUGE],
+}  # fmt: skip
+
+
+def with_changed(arrays, name, change):
+    """Return a named tuple whose array at a dotted name is what ``change`` makes of it."""
+    first, _, rest = name.partition(".")
+    own = getattr(arrays, first)
+    return arrays._replace(**{first: with_changed(own, rest, change) if rest else change(own)})
+
+
+def names_of(arrays):
+    """Yield the dotted name of each array of a named tuple, nested at will."""
+    for name, own in arrays._asdict().items():
+        yield from (f"{name}.{inner}" for inner in names_of(own)) if hasattr(own, "_fields") else [name]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -127,7 +144,7 @@ def test_numbers_that_no_episode_has_are_refused(kind):
         fields += [("damping", name, value) for name, values in DAMPING.items() for value in values]
     for part, name, value in fields:
         state = env.get_state()
-        getattr(state[part], name).flat[-1] = value
+        operator.attrgetter(name)(state[part]).flat[-1] = value
         with pytest.raises(ValueError, match=rf"state\.{part}\.{name}: must"):
             env.set_state(state)
     assert_refused(env, state, r"state\.")
@@ -138,7 +155,7 @@ def test_arrays_of_another_form_are_refused(kind):
     """Cut, of another type, transposed in memory or no array at all."""
     env = make(kind)
     for part in ("batch", "damping") if "damping" in kind else ("batch",):
-        for name in env.get_state()[part]._fields:
+        for name in names_of(env.get_state()[part]):
             for change in (
                 lambda array: array[..., :0],
                 lambda array: array.astype(np.float32),
@@ -146,7 +163,7 @@ def test_arrays_of_another_form_are_refused(kind):
                 lambda array: None,
             ):
                 state = env.get_state()
-                state[part] = state[part]._replace(**{name: change(getattr(state[part], name))})
+                state[part] = with_changed(state[part], name, change)
                 with pytest.raises(ValueError, match=rf"state\.{part}\.{name}: must"):
                     env.set_state(state)
 
@@ -230,7 +247,8 @@ def test_a_damaged_state_is_refused_or_works(batches, data):
     env.set_state(good)
     state = env.get_state()
     part = data.draw(st.sampled_from([name for name in ("batch", "fleet", "damping") if name in state]))
-    arrays = {name: each for name, each in state[part]._asdict().items() if isinstance(each, np.ndarray) and each.size}
+    arrays = {name: operator.attrgetter(name)(state[part]) for name in names_of(state[part])}
+    arrays = {name: each for name, each in arrays.items() if isinstance(each, np.ndarray) and each.size}
     array = arrays[data.draw(st.sampled_from(sorted(arrays)))]
     numbers = st.integers(-(2**63), 2**63 - 1) if array.dtype.kind == "i" else st.floats()
     array.flat[data.draw(st.integers(0, array.size - 1))] = data.draw(numbers)

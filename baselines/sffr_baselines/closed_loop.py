@@ -10,39 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_baselines.mic import MicWork, mic, mic_shapes
-from sffr_baselines.regulator import Regulator, regulate
-from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes, update_schedule
-from sffr_baselines.suppression import Suppression, suppress
+from sffr_baselines.control_law import LawWork, control, law_shapes, perceive, state_at
+from sffr_baselines.schedule import update_schedule
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.linalg import assign
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.physics.beam import N_TIP
-from sffr_gym.physics.model import N_BASE, Model
 from sffr_gym.task.control_period import PeriodWork, control_period, period_shapes
 from sffr_gym.task.disturbances import impulse_wrench, sense
-from sffr_gym.task.observation import ObservationIndex
-from sffr_gym.task.reference import Reference
 from sffr_gym.task.signals import N_SIGNALS, tip_deflection
 from sffr_gym.task.status import NOT_FINITE, RUNNING
 from sffr_gym.task.task_model import TaskModel
-from sffr_gym.types import Array, IntArray
-
-
-class Law(NamedTuple):
-    """HSC and its relatives as one compiled law; everything here is what the controller believes."""
-
-    prior: Model  #: the robot
-    reference: Reference  #: the formation that the task asks for
-    held: IntArray  #: joints that hold their angles
-    Kp: float  #: gains [1/s2, 1/s]
-    Kd: float
-    at: ObservationIndex  #: index map of the observation
-    suppression: Suppression  #: the panels' law
-    regulator: Regulator  #: what is added to it, of no effect in the paper's laws
-    schedule: Schedule  #: what changes the virtual damping over time, of no effect in them either
-    allocation: Array  #: (n_p, n_c, 3) volts for a desired tip force
-    scale: Array  #: (n_u,) command of a unit action
+from sffr_gym.types import Array
 
 
 class Record(NamedTuple):
@@ -72,27 +51,14 @@ class LoopWork(NamedTuple):
     """Memory of the closed loop."""
 
     period: PeriodWork  #: of the plant's control period
-    mic: MicWork  #: of the law
-    schedule: ScheduleWork
+    law: LawWork
     command: Array  #: (n_u,) of the law
     wrench: Array  #: (3,) impulses on the base
 
 
-class ActWork(NamedTuple):
-    """Memory of :func:`act`."""
-
-    mic: MicWork
-    schedule: ScheduleWork
-
-
 def loop_shapes(plant, law):
-    """Shapes of the :class:`LoopWork` of a plant under a :class:`Law`."""
-    return LoopWork(period_shapes(plant), mic_shapes(law.prior), schedule_shapes(law), (len(law.scale),), (3,))
-
-
-def act_shapes(law):
-    """Shapes of the :class:`ActWork` of a :class:`Law`."""
-    return ActWork(mic_shapes(law.prior), schedule_shapes(law))
+    """Shapes of the :class:`LoopWork` of a plant under a :class:`control_law.Law`."""
+    return LoopWork(period_shapes(plant), law_shapes(law), (len(law.scale),), (3,))
 
 
 def make_record(task: TaskModel, ticks: int, stride: int) -> Record:
@@ -106,57 +72,45 @@ def make_record(task: TaskModel, ticks: int, stride: int) -> Record:
     )  # fmt: skip
 
 
-@kernel
-def control(law, obs, B_hat, factor, work, command):
-    """Write the command (n_u,) of the law for an observation (n_o,) and adapt ``B_hat`` (n_p, 3) in place.
-
-    factor: (n_p, 3) of the virtual damping; work: a :class:`mic.MicWork`.
-    """
-    n_volts = law.allocation.shape[0] * law.allocation.shape[1]
-    volts = command[:n_volts]
-    suppress(law.suppression, law.allocation, law.scale[:n_volts], law.at, obs, factor, B_hat, volts)
-    if law.regulator.active:
-        regulate(law.regulator, law.allocation, law.at, obs, volts)
-    thrust, torque = command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :]
-    mic(law.prior, law.reference, law.held, law.Kp, law.Kd, law.at, obs, work, thrust, torque)
-
-
 @entry
-def act(law, tick, obs, B_hat, factor, actions, work):
+def act(law, tick, obs, states, actions, work):
     """Write the actions (n, n_u) for observations (n, n_o) after ``tick`` (1,) control periods.
 
-    B_hat, factor: (n, n_p, 3) virtual damping and what a schedule makes of it, both changed in place.
-    work: :class:`ActWork`.
+    law: a :class:`control_law.Law`; states: its :class:`control_law.LawState` in each environment, (n, ...), changed in
+    place; work: :class:`control_law.LawWork`.
     """
     for i in range(len(obs)):
+        state = state_at(states, i)
+        perceive(law, obs[i], state, work)
         if law.schedule.hold > 0 and tick[0] % law.schedule.hold == 0:
-            update_schedule(law, obs[i], work.schedule, factor[i])
-        control(law, obs[i], B_hat[i], factor[i], work.mic, actions[i])
+            update_schedule(law, work.seen, work.schedule, state.factor)
+        control(law, state, work, actions[i])
         for k in range(len(law.scale)):
             actions[i, k] /= law.scale[k]
 
 
 @entry
-def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, B_hat, factor, record, outcome):
+def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, states, record, outcome):
     """Run law and plant from period ``first`` up to ``last``, in place.
 
     plant: a :class:`task_model.TaskModel`; reference, sensing, impulses: those of the episode.
     law: what the controller does and believes; work: :class:`LoopWork`.
     p, v: (n,) positions and velocities; obs: (n_o,) their observation.
-    B_hat, factor: (n_p, 3) virtual damping and what a schedule makes of it.
+    states: (1, ...) what the law remembers, :class:`control_law.LawState`.
     record: written; its rows count from period 0.
     outcome: (2,) the period that was reached, and the status of the last one that ran, written.
     """
-    period, command = work.period, work.command
+    period, command, state = work.period, work.command, state_at(states, 0)
     outcome[0], outcome[1] = last, RUNNING
     for tick in range(first, last):
         keep = tick % record.stride == 0
         row = tick // record.stride
+        perceive(law, obs, state, work.law)
         if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
-            update_schedule(law, obs, work.schedule, factor)
+            update_schedule(law, work.law.seen, work.law.schedule, state.factor)
         if keep:
-            _keep_state(record, row, p, v, obs, B_hat, factor)
-        control(law, obs, B_hat, factor, work.mic, command)
+            _keep_state(record, row, p, v, obs, state)
+        control(law, state, work.law, command)
         for k in range(len(command)):
             command[k] /= law.scale[k]
         command_of(command, plant.scale, command)
@@ -175,14 +129,14 @@ def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, 
 
 
 @kernel
-def _keep_state(record, row, p, v, obs, B_hat, factor):
+def _keep_state(record, row, p, v, obs, state):
     """Write the state at a period's start, and the virtual damping as it acts, into a row of the record."""
     assign(record.p[row], p)
     assign(record.v[row], v)
     assign(record.obs[row], obs)
-    for i in range(len(B_hat)):
+    for i in range(len(state.B_hat)):
         for k in range(N_TIP):
-            record.B_hat[row, i, k] = factor[i, k] * B_hat[i, k]
+            record.B_hat[row, i, k] = state.factor[i, k] * state.B_hat[i, k]
 
 
 @kernel

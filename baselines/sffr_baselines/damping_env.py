@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import DTypeLike
 
-from sffr_baselines.closed_loop import Law
+from sffr_baselines.control_law import Law
 from sffr_baselines.damping_loop import Damping, DampingStepper, make_damping, start_damping
 from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
@@ -22,7 +22,7 @@ from sffr_gym.envs.fleet import plants_of
 from sffr_gym.envs.infos import Infos, Mask
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.envs.state import MOST_TICKS, check_finite, check_range
+from sffr_gym.envs.state import FAR, MOST_TICKS, check_finite, check_range
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.scenario import Scenario
@@ -59,7 +59,9 @@ class DampingEnvironment(RobotEnvironment):
         damping, bound = kept["damping"], np.tile(BOUNDS, len(self.law.allocation))
         check_finite(damping, "state.damping")
         for values, low, high, name in (
-            (damping.B_hat, 0.0, np.inf, "B_hat"), (damping.factor, 0.0, np.inf, "factor"),
+            (damping.law.B_hat, 0.0, np.inf, "law.B_hat"), (damping.law.factor, 0.0, np.inf, "law.factor"),
+            (damping.law.late, 0.0, 1.0, "law.late"), (damping.law.age, 0, MOST_TICKS, "law.age"),
+            (damping.law.integral, -FAR, FAR, "law.integral"), (damping.law.errors, -FAR, FAR, "law.errors"),
             (damping.features, -bound, bound, "features"), (damping.end, 0, MOST_TICKS, "end"),
         ):  # fmt: skip
             check_range(values, low, high, f"state.damping.{name}")
@@ -160,7 +162,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
     @property
     def damping(self) -> Array:
         """Return the virtual damping that acts now (panels, 3) [N s/m, N s/m, N m s/rad]."""
-        return self._damping.factor[0] * self._damping.B_hat[0]
+        return self._damping.law.factor[0] * self._damping.law.B_hat[0]
 
     def _start(self, episode: Episode) -> None:
         super()._start(episode)
@@ -242,7 +244,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
     @property
     def damping(self) -> Array:
         """Return the virtual damping that acts now (n, panels, 3) [N s/m, N s/m, N m s/rad]."""
-        return self._damping.factor * self._damping.B_hat
+        return self._damping.law.factor * self._damping.law.B_hat
 
     def _start(self, i: int, episode: Episode) -> None:
         super()._start(i, episode)
@@ -253,7 +255,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         return DampingStepper(plants_of(self._fleet), self._batch, self.law, self._damping)
 
     def _arrays(self) -> list[np.ndarray]:
-        return [*super()._arrays(), *self._damping]
+        return [*super()._arrays(), *self._damping.law, *self._damping[1:]]
 
     def _advance(self, actions: Array, active: Mask) -> None:
         super()._advance(actions, active)

@@ -7,8 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_baselines.closed_loop import Law, control
-from sffr_baselines.mic import MicWork, mic_shapes
+from sffr_baselines.control_law import (
+    Law,
+    LawState,
+    LawWork,
+    control,
+    law_shapes,
+    make_states,
+    perceive,
+    start_state,
+    state_shapes,
+)
 from sffr_baselines.schedule import N_FEATURES, apply_decision, write_features
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import columns, gather, take, where
@@ -25,7 +34,6 @@ from sffr_gym.envs.batch import (
     store,
 )
 from sffr_gym.physics.actuators import command_of
-from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.control_period import PeriodWork
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.status import RUNNING
@@ -38,8 +46,7 @@ SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many 
 class Damping(NamedTuple):
     """What ``n`` closed loops have beyond their :class:`batch.Batch`."""
 
-    B_hat: Array  #: (n, n_p, 3) virtual damping of the law
-    factor: Array  #: (n, n_p, 3) by which the last decision multiplies it
+    law: LawState  #: (n, ...) of the law; its ``factor`` is that of the last decision
     features: Array  #: (n, n_p N_FEATURES) what the next decision sees
     reward: Array  #: (n, n_p) reward of each panel's own vibration and effort during the last decision
     end: IntArray  #: (n,) control period at which the episode is over
@@ -48,8 +55,7 @@ class Damping(NamedTuple):
 class Decision(NamedTuple):
     """What is held in a group of environments during a decision, and summed; see :class:`Damping`."""
 
-    B_hat: Array  #: (n_p, 3)
-    factor: Array  #: (n_p, 3)
+    law: LawState
     running: Array  #: (1,) 1 while the episode goes on, else 0
     reward: Array  #: (1,)
     cost: Array  #: (1,)
@@ -63,28 +69,28 @@ class DecisionWork(NamedTuple):
     period: PeriodWork
     group: Group
     decision: Decision
-    mic: MicWork
+    law: LawWork
 
 
 def decision_shapes(task, law):
     """Shapes of the :class:`DecisionWork` of a robot under a law."""
     group, n_p = group_shapes(task), len(law.allocation)
-    decision = Decision((n_p, N_TIP), (n_p, N_TIP), (1,), (1,), (1,), (len(REWARDS),), (n_p,))
-    return DecisionWork(group.period, group.group, decision, mic_shapes(law.prior))
+    decision = Decision(state_shapes(law), (1,), (1,), (1,), (len(REWARDS),), (n_p,))
+    return DecisionWork(group.period, group.group, decision, law_shapes(law))
 
 
 def make_damping(law: Law, n: int) -> Damping:
     """Allocate ``n`` loops of one law."""
     n_p = len(law.allocation)
     return Damping(
-        B_hat=np.zeros((n, n_p, N_TIP)), factor=np.ones((n, n_p, N_TIP)), features=np.zeros((n, n_p * N_FEATURES)),
-        reward=np.zeros((n, n_p)), end=np.zeros(n, dtype=np.int64),
+        law=make_states(law, n), features=np.zeros((n, n_p * N_FEATURES)), reward=np.zeros((n, n_p)),
+        end=np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
 
 def start_damping(law: Law, damping: Damping, i: int, end: int) -> None:
     """Put the law of environment ``i`` at the start of an episode that is over at control period ``end``."""
-    damping.B_hat[i], damping.factor[i] = law.suppression.B0 * law.suppression.damped, 1.0
+    start_state(law, damping.law, i)
     damping.reward[i], damping.end[i] = 0.0, end
 
 
@@ -139,7 +145,8 @@ def damping_range(groups, plants, batch, law, damping, actions, active, work, on
             for k in range(width):
                 if columns(decision.running)[0, k] > 0.0:
                     begin(task, batch, i + k, group, k)
-            control(law, group.obs, decision.B_hat, decision.factor, work.mic, group.command)
+            perceive(law, group.obs, decision.law, work.law)
+            control(law, decision.law, work.law, group.command)
             for k in range(len(group.command)):
                 group.command[k] = group.command[k] / law.scale[k]
             command_of(group.command, task.scale, group.command)
@@ -177,10 +184,8 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
             batch.reward[i + k] = batch.cost[i + k] = 0.0  # stays so after the end of the episode
             batch.terms[i + k, :] = damping.reward[i + k, :] = 0.0
             batch.clipped[i + k] = clipped(actions[i + k])
-            apply_decision(law, batch.obs[i + k], actions[i + k], damping.factor[i + k])
-    for panel in range(len(decision.factor)):
-        gather(damping.factor[:, panel], i, decision.factor[panel])
-        gather(damping.B_hat[:, panel], i, decision.B_hat[panel])
+            apply_decision(law, batch.obs[i + k], actions[i + k], damping.law.factor[i + k])
+    _load_state(damping.law, i, decision.law)
     decision.reward[0] = decision.cost[0] = 0.0
     decision.terms[:] = 0.0
     decision.panels[:] = 0.0
@@ -209,6 +214,30 @@ def _end_decision(law, batch, damping, i, group, period, decision, lane):
     batch.reward[i], batch.cost[i] = columns(decision.reward)[0, lane], columns(decision.cost)[0, lane]
     take(decision.terms, lane, batch.terms[i])
     take(decision.panels, lane, damping.reward[i])
-    for panel in range(len(decision.B_hat)):
-        take(decision.B_hat[panel], lane, damping.B_hat[i, panel])
+    _store_state(decision.law, lane, damping.law, i)
     write_features(law, batch.obs[i], damping.features[i])
+
+
+@kernel
+def _load_state(states, i, state):
+    """Take the states of the laws from ``i`` on, a lane each."""
+    for panel in range(len(state.B_hat)):
+        gather(states.B_hat[:, panel], i, state.B_hat[panel])
+        gather(states.factor[:, panel], i, state.factor[panel])
+    for k in range(len(state.errors)):
+        gather(states.errors[:, k], i, state.errors[k])
+    gather(states.integral, i, state.integral)
+    gather(states.late, i, state.late)
+    gather(states.age, i, state.age)
+
+
+@kernel
+def _store_state(state, lane, states, i):
+    """Bring a lane back as the state of law ``i``; the factor is what it was."""
+    for panel in range(len(state.B_hat)):
+        take(state.B_hat[panel], lane, states.B_hat[i, panel])
+    for k in range(len(state.errors)):
+        take(state.errors[k], lane, states.errors[i, k])
+    take(state.integral, lane, states.integral[i])
+    take(state.late, lane, states.late[i])
+    take(state.age, lane, states.age[i])

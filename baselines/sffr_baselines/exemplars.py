@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sffr_baselines.closed_loop import Law, act, act_shapes, loop_shapes, make_record, run
+from sffr_baselines.closed_loop import act, loop_shapes, make_record, run
+from sffr_baselines.control_law import Law, law_shapes, make_states
 from sffr_baselines.damping_loop import damping_range, decision_shapes, make_damping, see_row
 from sffr_baselines.laws import make_law
 from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.exemplars import PLAIN, Exemplars, exemplar_groups, exemplar_task
-from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.disturbances import Impulses, Sensing
 
 
@@ -23,8 +23,8 @@ def _law() -> Law:
 def _act() -> Exemplars:
     task = exemplar_task()
     law, obs = _law(), np.zeros((2, len(task.bound)))
-    actions, B_hat = np.zeros((2, len(law.scale))), np.zeros((2, len(law.allocation), N_TIP))
-    yield PLAIN, (law, np.zeros(1, dtype=np.int64), obs, B_hat, B_hat, actions, new_workspace(act_shapes(law)))
+    actions, memory = np.zeros((2, len(law.scale))), new_workspace(law_shapes(law))
+    yield PLAIN, (law, np.zeros(1, dtype=np.int64), obs, make_states(law, 2), actions, memory)
 
 
 @run.shown_by
@@ -32,9 +32,9 @@ def _run() -> Exemplars:
     task = exemplar_task()
     law, p, obs = _law(), np.zeros(task.model.at.end), np.zeros(len(task.bound))
     sensing, impulses = Sensing(obs, 0, 0), Impulses(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
-    B_hat, work = np.zeros((len(law.allocation), N_TIP)), new_workspace(loop_shapes(task, law))
+    states, work = make_states(law, 1), new_workspace(loop_shapes(task, law))
     episode = task, law.reference, sensing, impulses
-    yield PLAIN, (*episode, law, work, 0, 1, p, p, obs, B_hat, B_hat, make_record(task, 2, 1), np.zeros(2))
+    yield PLAIN, (*episode, law, work, 0, 1, p, p, obs, states, make_record(task, 2, 1), np.zeros(2))
 
 
 @see_row.shown_by

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sffr_baselines.closed_loop import Law, act, act_shapes
+from sffr_baselines.closed_loop import act
+from sffr_baselines.control_law import Law, LawState, law_shapes, make_states
+from sffr_baselines.mic import Gains
+from sffr_baselines.observer import make_observer
+from sffr_baselines.panel_reaction import make_panel_reaction
 from sffr_baselines.regulator import make_regulator
 from sffr_baselines.schedule import make_schedule
 from sffr_baselines.settings import load_regulator_weights, load_tuned_damping
@@ -12,6 +16,7 @@ from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_sup
 from sffr_gym.compile.kernels import Call
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Control, Observer
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import pack
@@ -26,8 +31,12 @@ SUPPRESSION = {  # the panels' part of each law, see suppression.make_suppressio
     "ahsc": {"active": True, "adaptive": True},
     "ahsc-filtered": {"active": True, "adaptive": True, "filtered": True},
     "hsc-tuned": {"active": True, "adaptive": False},
-    "lqr": {"active": True, "adaptive": False},
+    "lqr": {"active": True, "adaptive": False, "damps": False},
 }
+FEEDFORWARD, FILTERED = "-ff", "-kf"  # endings of laws that track better than the paper's, see tracking()
+NOISE = Observer(  # of the scenario `noise`, and accelerations that let integral action and impulses through
+    position=1.0e-4, angle=1.0e-4, velocity=5.0e-4, rate=5.0e-4, acceleration=0.3, angular_acceleration=0.3
+)
 
 
 class LawPolicy:
@@ -39,30 +48,31 @@ class LawPolicy:
 
     Attributes:
         law: its compiled form, for the closed loop.
-        B_hat: (n, n_p, 3) virtual damping in each environment [N s/m, N s/m, N m s/rad]; None before the first
-            observation.
-        factor: (n, n_p, 3) by which a schedule multiplies it [-].
+        states: (n, ...) what it remembers of each environment; None before the first observation.
     """
 
     def __init__(self, name: str, law: Law) -> None:
         self.name, self.law = name, law
-        self.B_hat: Array | None = None
-        self.factor = np.ones(0)
+        self.states: LawState | None = None
         self._call: Call | None = None
+
+    @property
+    def B_hat(self) -> Array | None:
+        """The virtual damping (n, n_p, 3) in each environment [N s/m, N s/m, N m s/rad]; None as ``states``."""
+        return None if self.states is None else self.states.B_hat
 
     @property
     def tick(self) -> int:
         """Control periods since the start."""
-        return 0 if self.B_hat is None else int(self._tick[0])
+        return 0 if self.states is None else int(self._tick[0])
 
     def reset(self, seed: int | None = None) -> None:
         """Put the virtual damping back to its start."""
-        self.B_hat = self._call = None
+        self.states = self._call = None
 
     def initial_damping(self) -> Array:
         """Return the virtual damping (n_p, 3) at the start of an episode [N s/m, N s/m, N m s/rad]."""
-        law = self.law.suppression
-        return np.tile(law.B0 * law.damped, (len(self.law.allocation), 1))
+        return make_states(self.law, 1).B_hat[0]
 
     def __call__(self, obs: Array) -> Array:
         """Return the actions for one observation or a batch of them; see :class:`policies.Policy`.
@@ -73,7 +83,7 @@ class LawPolicy:
         rows, size = np.atleast_2d(np.asarray(obs, dtype=np.float64)), self.law.at.reference_acceleration + 2
         if rows.shape[1:] != (size,):
             raise ValueError(f"{self.name} expects observations of {size} numbers, got some of shape {np.shape(obs)}")
-        if self._call is None or self.B_hat is None:
+        if self._call is None or self.states is None:
             self._call = self._prepare(len(rows))
         if len(self._rows) != len(rows):
             raise ValueError(f"observations of {len(self._rows)} environments expected, got {len(rows)}; call reset")
@@ -85,12 +95,11 @@ class LawPolicy:
     def _prepare(self, n: int) -> Call:
         """Return the law's call for so many environments, at the start of their episodes."""
         law = self.law
-        self.B_hat = np.tile(self.initial_damping(), (n, 1, 1))
-        self.factor = np.ones_like(self.B_hat)
+        self.states = make_states(law, n)
         self._tick = np.zeros(1, dtype=np.int64)
         self._rows, self._actions = np.zeros((n, law.at.reference_acceleration + 2)), np.zeros((n, len(law.scale)))
-        memory = new_workspace(act_shapes(law))
-        return act.bind(law, self._tick, self._rows, self.B_hat, self.factor, self._actions, memory)
+        memory = new_workspace(law_shapes(law))
+        return act.bind(law, self._tick, self._rows, self.states, self._actions, memory)
 
 
 class OraclePolicy(LawPolicy):
@@ -133,31 +142,48 @@ def make_law(name: str, prior: Params) -> Law:
     """Pack a law with what its controller believes.
 
     Args:
-        name: a key of ``SUPPRESSION``.
+        name: a key of ``SUPPRESSION``, or one with ``-ff`` or ``-kf``; see :func:`tracking`.
         prior: what the controller believes of the robot.
     """
-    effort_weight = None
-    if name == "hsc-tuned":
+    kind = name.removesuffix(FEEDFORWARD).removesuffix(FILTERED)
+    weights = load_regulator_weights() if kind == "lqr" else None
+    if kind == "hsc-tuned":
         prior = load_tuned_damping().applied_to(prior)
-    elif name == "lqr":
-        prior, effort_weight = prior.with_overrides("suppression.B0=[0, 0, 0]"), load_regulator_weights().effort
+    if kind != name:
+        prior = prior.model_copy(update={"control": tracking(prior.control, filters=name.endswith(FILTERED))})
     model = pack(prior)
     actuators = pack_actuators(prior, model)
     p, _ = initial_positions(prior, model)
     reference = circle_reference(prior, model, p)
+    at = observation_index(observation_fields(model, prior))
     return Law(
         prior=model,
         reference=reference,
         held=held_joints(model),
-        Kp=prior.control.Kp,
-        Kd=prior.control.Kd,
-        at=observation_index(observation_fields(model, prior)),
-        suppression=make_suppression(prior, **SUPPRESSION[name]),
-        regulator=make_regulator(prior, model, reference, effort_weight),
+        gains=Gains(prior.control.Kp, prior.control.Kd, prior.control.Ki),
+        at=at,
+        suppression=make_suppression(prior, **SUPPRESSION[kind]),
+        regulator=make_regulator(prior, model, reference, actuators.K_PZ, weights),
+        observer=make_observer(prior, model, reference, at),
+        reaction=make_panel_reaction(prior, model, actuators.K_PZ),
         schedule=make_schedule(prior),
         allocation=actuators.allocation,
         scale=actuators.limit,
     )
+
+
+def tracking(control: Control, *, filters: bool) -> Control:
+    """Return control settings of a law that tracks better than the paper's.
+
+    It adds the panels' predicted reaction, makes up for sensors that lag, and integrates errors: with ``Ki = Kp^2 / (4
+    Kd)``, the largest gain with which the slow errors ``Kd ed + Kp e + Ki z = 0`` do not oscillate.
+
+    Args:
+        control: the settings otherwise.
+        filters: also estimate the errors by a Kalman filter.
+    """
+    added = {"feedforward": True, "delay_compensation": True, "Ki": control.Kp**2 / (4.0 * control.Kd)}
+    return control.model_copy(update=added | ({"observer": NOISE} if filters else {}))
 
 
 def undamped_coordinates(prior: Params) -> tuple[str, ...]:

@@ -11,12 +11,22 @@ from math import cos, sin
 from typing import NamedTuple
 
 from sffr_gym.compile.kernels import kernel
+from sffr_gym.physics.model import N_BASE
 from sffr_gym.types import Array
+
+
+class Gains(NamedTuple):
+    """Gains of the error law ``edd + Kd ed + Kp e + Ki (integral of e) = 0``, of Eqs. 9 and 12 without the last."""
+
+    Kp: float  #: [1/s2]
+    Kd: float  #: [1/s]
+    Ki: float  #: [1/s3]; 0 is the paper's law
 
 
 class MicWork(NamedTuple):
     """Memory of the law."""
 
+    base: Array  #: (3,) commanded acceleration of the base, base axes [m/s2, m/s2, rad/s2]
     c: Array  #: (n_l,) link directions, base axes
     s: Array  #: (n_l,)
     rate: Array  #: (n_l,) absolute angular velocities [rad/s]
@@ -29,27 +39,31 @@ class MicWork(NamedTuple):
 def mic_shapes(prior):
     """Shapes of the :class:`MicWork` for a robot."""
     n_l, n_a = len(prior.link_mass), len(prior.arm_angle)
-    return MicWork((n_l,), (n_l,), (n_l,), (n_l,), (n_l,), (n_a,), (n_a,))
+    return MicWork((3,), (n_l,), (n_l,), (n_l,), (n_l,), (n_l,), (n_a,), (n_a,))
 
 
 @kernel
-def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
+def mic(prior, reference, held, gains, at, obs, integral, work, wrench, torque):
     """Write the base wrench (3,), base axes, and the joint torques (n_l,) of the law.
 
     prior: the model that the controller believes; its rigid part and object are used.
     reference: the formation that the task asks for (:class:`reference.Reference`).
-    held: joints that hold their angles; Kp [1/s2], Kd [1/s]: gains of Eqs. 9 and 12.
-    at: index map of the observation ``obs`` (n_o,); work: :class:`MicWork`.
+    held: joints that hold their angles; gains: :class:`Gains`.
+    at: index map of the observation ``obs`` (n_o,).
+    integral: (n_t,) of the tracked errors over time, in the order of :func:`observer.tracked_errors`.
+    work: :class:`MicWork`.
     """
+    Kp, Kd, Ki = gains.Kp, gains.Kd, gains.Ki
     turn, axd, ayd = obs[at.reference_turn], obs[at.reference_acceleration], obs[at.reference_acceleration + 1]
     # Base axes seen from the reference axes, in which errors and the reference are given.
     yaw = reference.yaw - obs[at.yaw_error]
     cb, sb = cos(yaw), sin(yaw)
     e, ed = at.base_error, at.base_error_rate
-    ax = axd - turn * turn * reference.base_x + Kp * obs[e] + Kd * obs[ed]
-    ay = ayd - turn * turn * reference.base_y + Kp * obs[e + 1] + Kd * obs[ed + 1]
-    alpha = Kp * obs[at.yaw_error] + Kd * obs[at.yaw_error_rate]
+    ax = axd - turn * turn * reference.base_x + Kp * obs[e] + Kd * obs[ed] + Ki * integral[0]
+    ay = ayd - turn * turn * reference.base_y + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[1]
+    alpha = Kp * obs[at.yaw_error] + Kd * obs[at.yaw_error_rate] + Ki * integral[2]
     ax, ay = cb * ax + sb * ay, cb * ay - sb * ax
+    work.base[0], work.base[1], work.base[2] = ax, ay, alpha
     w = obs[at.yaw_rate]
 
     _links(prior, obs, at, w, work)
@@ -60,7 +74,7 @@ def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
     work.grip_x[:] = 0.0
     work.grip_y[:] = 0.0
     if prior.object_mass > 0.0:
-        _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work)
+        _grip_forces(prior, reference, gains, at, obs, integral, cb, sb, work)
     for arm in range(len(prior.arm_angle)):
         for k in range(prior.arm_first[arm], prior.arm_first[arm + 1]):
             before = alpha if k == prior.arm_first[arm] else work.alpha[k - 1]
@@ -70,9 +84,9 @@ def mic(prior, reference, held, Kp, Kd, at, obs, work, wrench, torque):
         c, s = cos(reference.phi), sin(reference.phi)
         gx = c * prior.grasp_point[g, 0] - s * prior.grasp_point[g, 1]
         gy = s * prior.grasp_point[g, 0] + c * prior.grasp_point[g, 1]
-        e, ed = at.tip_error + 2 * g, at.tip_error_rate + 2 * g
-        tx = axd - turn * turn * gx + Kp * obs[e] + Kd * obs[ed]
-        ty = ayd - turn * turn * gy + Kp * obs[e + 1] + Kd * obs[ed + 1]
+        e, ed, z = at.tip_error + 2 * g, at.tip_error_rate + 2 * g, N_BASE + 2 * g
+        tx = axd - turn * turn * gx + Kp * obs[e] + Kd * obs[ed] + Ki * integral[z]
+        ty = ayd - turn * turn * gy + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[z + 1]
         tx, ty = cb * tx + sb * ty, cb * ty - sb * tx
         _reach(prior, prior.grasp_arm[g], tx - ax, ty - ay, alpha, w, work)
     _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque)
@@ -90,12 +104,15 @@ def _links(prior, obs, at, yaw_rate, work):
 
 
 @kernel
-def _grip_forces(prior, reference, Kp, Kd, at, obs, cb, sb, work):
+def _grip_forces(prior, reference, gains, at, obs, integral, cb, sb, work):
     """Gripper forces that move the object, ``G# M v`` (Eqs. 9-11), into ``work``, base axes."""
+    Kp, Kd, Ki = gains.Kp, gains.Kd, gains.Ki
     e, ed, a, n_g = at.object_error, at.object_error_rate, at.reference_acceleration, len(prior.grasp_arm)
-    fx = prior.object_mass * (obs[a] + Kp * obs[e] + Kd * obs[ed])
-    fy = prior.object_mass * (obs[a + 1] + Kp * obs[e + 1] + Kd * obs[ed + 1])
-    moment = prior.object_inertia * (Kp * obs[at.object_angle_error] + Kd * obs[at.object_angle_error_rate])
+    z = N_BASE + 2 * n_g
+    fx = prior.object_mass * (obs[a] + Kp * obs[e] + Kd * obs[ed] + Ki * integral[z])
+    fy = prior.object_mass * (obs[a + 1] + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[z + 1])
+    turning, turning_rate = at.object_angle_error, at.object_angle_error_rate
+    moment = prior.object_inertia * (Kp * obs[turning] + Kd * obs[turning_rate] + Ki * integral[z + 2])
     fx, fy = cb * fx + sb * fy, cb * fy - sb * fx
     # Object axes seen from the base axes.
     phi = reference.phi - obs[at.object_angle_error] - reference.yaw + obs[at.yaw_error]

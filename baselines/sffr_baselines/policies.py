@@ -28,6 +28,9 @@ POLICIES = {  # every name, with what it is
     "ahsc-filtered": "the same with the filtered output (Y = e_dot + psi e)",
     "hsc-tuned": "HSC with the best constant damping that an optimiser found, see configs/policies",
     "lqr": "not of the paper: optimal active feedback of the panels about their quasi-static shape",
+    "ahsc-ff": "AHSC that tracks: the panels' reaction fed forward, errors integrated, late sensors made up for",
+    "lqr-ff": "lqr that tracks, likewise",
+    "lqr-kf": "the same with its errors estimated by a Kalman filter, for noise",
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
 } | dict.fromkeys(shipped_policies(), "learned: AHSC with a schedule of its damping, see docs/agents.md")

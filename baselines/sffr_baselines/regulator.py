@@ -9,83 +9,124 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, expm, solve_discrete_are
+from scipy.linalg import block_diag, expm, solve_discrete_are, solve_discrete_lyapunov
 
+from sffr_baselines.panel_reaction import BENDING, N_BENDING
+from sffr_baselines.settings import RegulatorWeights
 from sffr_baselines.suppression import COORDINATES, damped_coordinates
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
-from sffr_gym.physics.beam import N_TIP, Beam, one_element_beam
+from sffr_gym.physics.actuators import LEAST_REACH
+from sffr_gym.physics.beam import N_TIP, Beam, clamped_modes, one_element_beam
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import Model
 from sffr_gym.task.reference import Reference
+from sffr_gym.task.score import WEIGHTS
 from sffr_gym.types import Array
 
-BENDING = slice(1, N_TIP)  # the tip's transverse displacement and slope, q5 and q6
+HALVINGS = 60  # of a virtual damping that is unstable
 
 
 class Regulator(NamedTuple):
     """State feedback of each panel's tip about its quasi-static motion; one law for all panels."""
 
     active: bool  #: whether the law has one; the paper's laws have none
-    gain: Array  #: (3, 6) tip force for a unit deviation of the tip's coordinates and of their rates
+    gain: Array  #: (n_c, 4) volts of a panel's channels for a unit deviation of q5, q6 and of their rates
     shape: Array  #: (3,) tip of a panel at rest whose root accelerates across it by 1 m/s2
     across: Array  #: (n_p, 2) direction across each undeformed panel, reference axes
     lever: Array  #: (n_p,) component of each panel's root along it, from the reference's centre [m]
 
 
-def make_regulator(prior: Params, model: Model, reference: Reference, effort_weight: float | None) -> Regulator:
+def make_regulator(
+    prior: Params, model: Model, reference: Reference, K_PZ: Array, weights: RegulatorWeights | None
+) -> Regulator:
     """Design the regulator for what the controller believes.
 
     Args:
         prior: the controller's parameters.
         model: the same as arrays.
         reference: the formation that the task asks for.
-        effort_weight: price of a squared volt, as energy [J/V2]; None for a law without regulator.
+        K_PZ: (n_p, 3, n_c) tip forces for a volt on each channel.
+        weights: of what it minimises; None for a law without regulator.
     """
     turn = rotation(reference.yaw)
     across = np.column_stack([-model.panel_axis[:, 1], model.panel_axis[:, 0]]) @ turn.T
     root = np.array([reference.base_x, reference.base_y]) + model.panel_root @ turn.T
+    gain = np.zeros((K_PZ.shape[2], 2 * N_BENDING))
+    if weights is not None and len(K_PZ):
+        gain = optimal_gain(prior, K_PZ[0], weights.effort * worth_of_effort(prior, K_PZ[0], weights.swing))
     return Regulator(
-        active=effort_weight is not None,
-        gain=np.zeros((N_TIP, 2 * N_TIP)) if effort_weight is None else optimal_gain(prior, effort_weight),
+        active=weights is not None,
+        gain=gain,
         shape=_quasi_static_shape(one_element_beam(prior.panel)),
         across=across,
         lever=np.asarray((across * root).sum(axis=1)),
     )
 
 
-def optimal_gain(prior: Params, effort_weight: float) -> Array:
-    """Gain (3, 6) that minimises the time integral of a panel's energy and of ``effort_weight`` times squared volts.
+def optimal_gain(prior: Params, K_PZ: Array, effort_weight: float) -> Array:
+    """Return the gain (n_c, 4) that minimises the time integral of a panel's energy and of weighted squared volts.
 
     The state is the deviation ``x`` of q5 and q6 from the quasi-static shape and its rate, of the clamped panel
-    ``M xdd + D xd + K x = tau``, the force held over each control period; it costs its energy ``x' K x / 2 + xd' M xd /
-    2``. The forces are those of the coordinates that the paper's law would damp, q4 left out.
+    ``M xdd + D xd + K x = K_PZ v``, the volts held over each control period; it costs its energy ``x' K x / 2 + xd' M
+    xd / 2``. What the channels do along the panel is left out.
 
     Args:
-        prior: panel, piezos and control period as the controller believes them.
-        effort_weight: [J/V2].
+        prior: panel and control period as the controller believes them.
+        K_PZ: (3, n_c) tip forces for a volt on each channel.
+        effort_weight: price of a squared volt over a second, as energy over a second [J/V2].
 
     Raises:
         ValueError: if the weight is not positive.
     """
     if not effort_weight > 0.0:
         raise ValueError(f"effort_weight must be positive [J/V2], got {effort_weight}")
-    panel, period = one_element_beam(prior.panel), prior.control.period
-    driven = [COORDINATES.index(name) for name in damped_coordinates(prior) if name != COORDINATES[0]]
-    gain = np.zeros((N_TIP, 2 * N_TIP))
-    if not driven:
-        return gain
-    M, K = panel.M_ff[BENDING, BENDING], panel.K[BENDING, BENDING]
-    A, G = sampled_panel(M, prior.panel.strain_rate_damping * K, K, period)
-    G = G[:, [k - BENDING.start for k in driven]]
-    piezo = prior.actuators.piezo
-    volts = piezo.voltage / np.array([piezo.force, piezo.force, piezo.moment])[driven]
-    Q, R = block_diag(K, M) / 2.0, effort_weight * np.diag(volts**2)
+    M, K, A, G = _sampled_bending(prior)
+    G, Q, R = G @ K_PZ[BENDING], block_diag(K, M) / 2.0, effort_weight * np.eye(K_PZ.shape[1])
     P = solve_discrete_are(A, G, Q, R)
-    feedback = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ A)
-    states = [1, 2, N_TIP + 1, N_TIP + 2]
-    gain[np.ix_(driven, states)] = feedback
-    return gain
+    return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ A), dtype=np.float64)
+
+
+def worth_of_effort(prior: Params, K_PZ: Array, swing: float) -> float:
+    """Return what a squared volt over a second is worth in the score, as energy over a second [J/V2].
+
+    The score weighs vibration and effort by what they are under AHSC. Of a clamped panel that swings in its first mode,
+    damped by B(0) through the channels, both follow from the energy at the start: the worth is the ratio of their
+    integrals times that of their weights in the score. Where channels are too weak for B(0) at that swing, or the
+    sampled loop cannot run it, so much less of it acts.
+
+    Args:
+        prior: panel, virtual damping, limits and control period as the controller believes them.
+        K_PZ: (3, n_c) tip forces for a volt on each channel.
+        swing: amplitude of the tip [m].
+    """
+    M, K, A, G = _sampled_bending(prior)
+    panel, driven = one_element_beam(prior.panel), damped_coordinates(prior)
+    modes = clamped_modes(panel, 0.0, np.inf)
+    shape = swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]
+    allocation = np.linalg.pinv(K_PZ, rcond=LEAST_REACH)[:, BENDING]
+    B = np.diag([B if name in driven else 0.0 for B, name in zip(prior.suppression.B0, COORDINATES, strict=True)])
+    B = B[BENDING, BENDING]
+    if not (allocation @ B).any():  # nothing to go by: critical damping
+        B = 2.0 * modes.omega[0] * M
+    B *= min(1.0, prior.actuators.piezo.voltage / np.abs(allocation @ B @ (modes.omega[0] * shape)).max())
+    for _ in range(HALVINGS):
+        volts = allocation @ np.hstack([np.zeros_like(M), B])
+        damped = A - G @ K_PZ[BENDING] @ volts
+        if np.abs(np.linalg.eigvals(damped)).max() < 1.0:
+            break
+        B /= 2.0
+    energy, effort = (solve_discrete_lyapunov(damped.T, cost) for cost in (block_diag(K, M) / 2.0, volts.T @ volts))
+    start = np.append(shape, np.zeros(N_BENDING))
+    weights = WEIGHTS["piezo_effort"] / WEIGHTS["vibration"]
+    return float(weights * (start @ energy @ start) / (start @ effort @ start))
+
+
+def _sampled_bending(prior: Params) -> tuple[Array, Array, Array, Array]:
+    """Return mass and stiffness (2, 2) of q5 and q6, and the exact step of them under held forces."""
+    panel = one_element_beam(prior.panel)
+    M, K = panel.M_ff[BENDING, BENDING], panel.K[BENDING, BENDING]
+    return M, K, *sampled_panel(M, prior.panel.strain_rate_damping * K, K, prior.control.period)
 
 
 def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, Array]:
@@ -109,23 +150,20 @@ def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, A
 
 
 @kernel
-def regulate(law, allocation, at, obs, volts):
+def regulate(law, at, obs, volts):
     """Add the regulator's piezo voltages of all panels to ``volts`` (n_p n_c,).
 
-    law: a :class:`Regulator`; allocation: (n_p, n_c, 3) volts for a desired tip force.
-    at: index map of the observation ``obs`` (n_o,).
+    law: a :class:`Regulator`; at: index map of the observation ``obs`` (n_o,).
     """
-    n_p, n_c, _ = allocation.shape
-    for i in range(n_p):
+    n_c = len(law.gain)
+    for i in range(len(law.across)):
         push, push_rate = root_acceleration(law, at, obs, i)
-        q, qd = at.elastic + N_TIP * i, at.elastic_rate + N_TIP * i
-        for k in range(N_TIP):
-            tau = 0.0
-            for j in range(N_TIP):
-                tau -= law.gain[k, j] * (obs[q + j] - law.shape[j] * push)
-                tau -= law.gain[k, N_TIP + j] * (obs[qd + j] - law.shape[j] * push_rate)
+        q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
+        for j in range(N_BENDING):
+            deviation = obs[q + j] - law.shape[1 + j] * push
+            rate = obs[qd + j] - law.shape[1 + j] * push_rate
             for c in range(n_c):
-                volts[i * n_c + c] += allocation[i, c, k] * tau
+                volts[i * n_c + c] -= law.gain[c, j] * deviation + law.gain[c, N_BENDING + j] * rate
 
 
 @kernel

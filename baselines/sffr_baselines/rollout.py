@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
+from sffr_baselines.control_law import make_states
 from sffr_baselines.laws import LawPolicy, OraclePolicy
 from sffr_baselines.policies import Policy
 from sffr_gym.compile.workspace import new_workspace
@@ -136,14 +137,13 @@ def _run_compiled(
     if policy.law.at != env.prior_task.at or len(policy.law.scale) != len(env.prior_task.scale):
         raise ValueError(f"{policy.name} was made for a robot with other observations or actuators than this one's")
     p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
-    B_hat, episode = policy.initial_damping(), env.episode
-    factor = np.ones_like(B_hat)
+    states, episode = make_states(policy.law, 1), env.episode
     work, outcome = new_workspace(loop_shapes(env.plant_task, policy.law)), np.array([0.0, RUNNING])
     done = 0
     while done < ticks and outcome[1] == RUNNING:
         run(
             env.plant_task, episode.reference, episode.sensing, episode.impulses, policy.law, work, done,
-            min(done + PIECE, ticks), p, v, obs, B_hat, factor, record, outcome,
+            min(done + PIECE, ticks), p, v, obs, states, record, outcome,
         )  # fmt: skip
         progress(int(outcome[0]) - done)
         done = int(outcome[0])

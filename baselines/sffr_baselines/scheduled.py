@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from sffr_baselines.closed_loop import Law
+from sffr_baselines.control_law import Law
 from sffr_baselines.laws import make_law
 from sffr_baselines.schedule import FEATURES
 from sffr_baselines.stability import MARGIN, sampled_growth

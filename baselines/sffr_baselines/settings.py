@@ -33,7 +33,8 @@ class TunedDamping(Section):
 class RegulatorWeights(Section):
     """What the linear-quadratic regulator minimises: energy plus priced effort."""
 
-    effort: float = Field(ge=1.0e-12, le=1.0e12, description="price of a squared volt [J/V2]")
+    effort: float = Field(ge=1.0e-12, le=1.0e12, description="price of squared volts over what the score makes it [-]")
+    swing: float = Field(ge=1.0e-6, le=1.0e3, description="tip amplitude at which AHSC's effort is taken [m]")
 
 
 @functools.cache

@@ -36,7 +36,9 @@ class Suppression(NamedTuple):
     gyroscopic: Array  #: (3, 3) N - N'
 
 
-def make_suppression(prior: Params, *, active: bool, adaptive: bool, filtered: bool = False) -> Suppression:
+def make_suppression(
+    prior: Params, *, active: bool, adaptive: bool, filtered: bool = False, damps: bool = True
+) -> Suppression:
     """Build the law from what the controller believes.
 
     Args:
@@ -44,13 +46,14 @@ def make_suppression(prior: Params, *, active: bool, adaptive: bool, filtered: b
         active: False leaves the piezos off.
         adaptive: False keeps the virtual damping at its start (HSC).
         filtered: take the filtered output of Eq. 25 for the adaptation instead of the printed one.
+        damps: False leaves the virtual damping out, and what the panels' motion asks for beside it stays.
     """
     panel, law = prior.panel, prior.suppression
     shape = one_element_beam(panel)
     damped = np.array([float(active and name in damped_coordinates(prior)) for name in COORDINATES])
     return Suppression(
         damped=damped,
-        B0=np.array(law.B0),
+        B0=np.array(law.B0) * float(damps),
         Gamma=np.array(law.Gamma) * float(adaptive) * damped,
         psi=law.psi,
         filtered=filtered,

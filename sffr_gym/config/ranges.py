@@ -57,6 +57,8 @@ EpisodeLength = Annotated[float, Field(ge=1.0e-6, le=1.0e7)]  # s, from the leas
 # Control. The ends of the gains are those that some allowed control period can run: Kd < 2 / T, Kp < 2 Kd / T.
 PositionGain = Annotated[float, Field(ge=1.0e-9, le=1.0e12)]  # 1/s2
 RateGain = Annotated[float, Field(ge=1.0e-9, le=2.0e6)]  # 1/s
+IntegralGain = Annotated[float, Field(ge=0.0, le=1.0e18)]  # 1/s3, below Kp Kd
+NoiseLevel = Annotated[float, Field(ge=1.0e-12, le=1.0e6)]  # m, rad, their rates and accelerations
 Damping = Annotated[float, Field(ge=0.0, le=1.0e9)]  # N s/m, N m s/rad, and what adapts them; sampled loops bear less
 Decay = Annotated[float, Field(ge=0.0, le=1.0e6)]  # 1/s, as fast as the least control period
 FilterRate = Annotated[float, Field(ge=1.0e-9, le=1.0e6)]  # 1/s, likewise

@@ -30,11 +30,13 @@ from sffr_gym.config.ranges import (
     Decay,
     FilterRate,
     Inertia,
+    IntegralGain,
     Length,
     Limit,
     Mass,
     ModeCut,
     Name,
+    NoiseLevel,
     Offset,
     Period,
     Place,
@@ -248,12 +250,27 @@ class Path(Section):
         return 2.0 * math.pi * self.radius / self.speed
 
 
+class Observer(Section):
+    """What an observer believes of noise: of the measurements, and of what accelerates the robot unknown to it."""
+
+    position: NoiseLevel = Field(description="rms of measured position errors [m]")
+    angle: NoiseLevel = Field(description="rms of measured angle errors [rad]")
+    velocity: NoiseLevel = Field(description="rms of their measured rates [m/s]")
+    rate: NoiseLevel = Field(description="rms of their measured rates [rad/s]")
+    acceleration: NoiseLevel = Field(description="rms of unknown accelerations over a control period [m/s2]")
+    angular_acceleration: NoiseLevel = Field(description="the same of angles [rad/s2]")
+
+
 class Control(Section):
     """Sampling and gains of the task-space control."""
 
     period: Period = Field(description="control period [s]")
     Kp: PositionGain = Field(description="stiffness of the error dynamics edd + Kd ed + Kp e = 0 [1/s2]")
     Kd: RateGain = Field(description="damping of the error dynamics edd + Kd ed + Kp e = 0 [1/s]")
+    Ki: IntegralGain = Field(description="gain of the errors' integral, 0: the paper's law [1/s3]")
+    feedforward: bool = Field(description="whether the panels' predicted reaction is added to the base's wrench [-]")
+    delay_compensation: bool = Field(description="whether sensors are watched for a lag of a control period [-]")
+    observer: Observer | None = Field(description="noise for a Kalman filter of the errors, null: as measured")
 
     @property
     def longest_period(self) -> float:
@@ -267,6 +284,9 @@ class Control(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.Ki >= self.Kp * self.Kd:  # Hurwitz
+            reason = f"must be less than Kp Kd = {self.Kp * self.Kd:.4g} [1/s3], or the error dynamics is unstable"
+            raise_errors([error_at(("Ki",), self.Ki, reason)])
         if self.period >= self.longest_period:
             reason = f"must be less than {self.longest_period:.4g} [s] with Kp = {self.Kp:g} and Kd = {self.Kd:g}"
             raise_errors([error_at(("period",), self.period, f"{reason}, or the sampled loop is unstable")])

@@ -25,6 +25,7 @@ SHIPPED = "sffr.yaml"
 TAG = "form: "  # start of the tags of pydantic unions, which are no part of a key
 CHECK = "check"  # type of the errors that the models' own checks find; their message is complete
 _REASONS = {
+    "bool_type": "must be true or false",
     "float_type": "must be a number",
     "int_type": "must be a whole number",
     "string_type": "must be a text",

@@ -70,7 +70,9 @@ def check_batch(batch: Batch, prior: TaskModel) -> None:
 def check_finite(arrays: Any, where: str) -> None:
     """Make sure that the floats of a named tuple of arrays are finite."""
     for name, array in zip(arrays._fields, arrays, strict=True):
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
+        if hasattr(array, "_fields"):
+            check_finite(array, f"{where}.{name}")
+        elif array.dtype.kind == "f" and not np.isfinite(array).all():
             raise ValueError(f"{where}.{name}: must be finite, has {array[~np.isfinite(array)][0]}")
 
 

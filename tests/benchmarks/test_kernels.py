@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import act, act_shapes, make_record
+from sffr_baselines.closed_loop import act, make_record
+from sffr_baselines.control_law import law_shapes, make_states
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.envs.batch import group_memory, group_shapes, make_batch, put_episode, step_range
@@ -65,10 +66,8 @@ def test_observation(benchmark, course):
 def test_control_law(benchmark, course):
     policy = make_policy("ahsc", course.params)
     obs, actions = np.tile(course.obs, (PERIODS, 1)), np.zeros((PERIODS, len(course.plant.scale)))
-    B_hat, tick = np.tile(policy.initial_damping(), (PERIODS, 1, 1)), np.zeros(1, dtype=np.int64)
-    benchmark(
-        act.bind(policy.law, tick, obs, B_hat, np.ones_like(B_hat), actions, new_workspace(act_shapes(policy.law)))
-    )
+    law, tick = policy.law, np.zeros(1, dtype=np.int64)
+    benchmark(act.bind(law, tick, obs, make_states(law, PERIODS), actions, new_workspace(law_shapes(law))))
     assert np.isfinite(actions).all() and actions.any()
 
 

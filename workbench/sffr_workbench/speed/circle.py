@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import Law, Record, loop_shapes, make_record, run
+from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
+from sffr_baselines.control_law import Law, LawState, make_states
 from sffr_baselines.laws import LawPolicy
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
@@ -66,13 +67,13 @@ class Loop:
     """
 
     def __init__(self, course: Course, plant: TaskModel, law: Law, record: Record) -> None:
-        B_hat = np.tile(law.suppression.B0 * law.suppression.damped, (len(law.allocation), 1))
-        self._start = course.p, course.v, course.obs, B_hat
+        self._start = course.p, course.v, course.obs, *make_states(law, 1)
         self._state = tuple(each.copy() for each in self._start)
+        p, v, obs, *states = self._state
         self._outcome, episode = np.zeros(2), course.episode
         self._run = run.bind(
             plant, episode.reference, episode.sensing, episode.impulses, law, new_workspace(loop_shapes(plant, law)), 0,
-            course.ticks, *self._state, np.ones_like(B_hat), record, self._outcome,
+            course.ticks, p, v, obs, LawState(*states), record, self._outcome,
         )  # fmt: skip
 
     def __call__(self) -> tuple[int, int]:

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import control
-from sffr_baselines.mic import mic_shapes
+from sffr_baselines.control_law import control, law_shapes, make_states, perceive, state_at
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.physics.dynamics import accelerations
 from sffr_gym.physics.integrator import advance
@@ -126,17 +125,10 @@ def operations() -> dict[str, dict[str, int]]:
     """Count the operations of one control period of the case study, by part and kind."""
     course = make_course(1.0)
     policy: Any = make_policy("ahsc", course.params)
-    law, B_hat, work, n = (
-        policy.law,
-        policy.initial_damping(),
-        new_workspace(mic_shapes(policy.law.prior)),
-        len(course.p),
-    )
-    factor = np.ones_like(B_hat)
+    law, n = policy.law, len(course.p)
+    state, work = state_at(make_states(law, 1), 0), new_workspace(law_shapes(law))
     count_functions()
-    plant, reference, law, B_hat, factor, work = map(
-        counting, (course.plant, course.reference, law, B_hat, factor, work)
-    )
+    plant, reference, law, state, work = map(counting, (course.plant, course.reference, law, state, work))
     p, v, obs = counting(course.p), counting(course.v), counting(course.obs)
     period = counting(new_workspace(period_shapes(course.plant)))
     tau, out, signals, command, wrench = (
@@ -147,7 +139,7 @@ def operations() -> dict[str, dict[str, int]]:
         "equations": lambda: accelerations(model, p, v, tau, inner, out, False, True),
         "step": lambda: advance(model, p, v, tau, plant.period, 1, plant.integrator, period.step),
         "view": lambda: observe_state(plant, reference, Counted(0.1), p, v, period, obs, signals),
-        "law": lambda: control(law, obs, B_hat, factor, work, command),
+        "law": lambda: (perceive(law, obs, state, work), control(law, state, work, command)),
         "plant": lambda: control_period(
             plant, reference, Counted(0.1), p, v, command, wrench, period, obs, signals
         ),

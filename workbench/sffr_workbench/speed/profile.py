@@ -13,7 +13,8 @@ import gymnasium as gym
 import numpy as np
 
 from sffr_baselines import make_policy
-from sffr_baselines.closed_loop import act, act_shapes, make_record
+from sffr_baselines.closed_loop import act, make_record
+from sffr_baselines.control_law import law_shapes, make_states
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range
@@ -106,15 +107,13 @@ def _kernels(course: Course) -> dict[str, Contender]:
     plant, periods, p, v = course.plant, course.ticks, course.p.copy(), course.v
     policy: Any = make_policy("ahsc", course.params)
     law, forces, work = policy.law, close_loop(course), new_workspace(period_shapes(plant))
-    observations, B_hat = np.tile(course.obs, (periods, 1)), np.tile(policy.initial_damping(), (periods, 1, 1))
+    observations, states = np.tile(course.obs, (periods, 1)), make_states(law, periods)
     actions, tick, signals = np.empty((periods, len(plant.scale))), np.zeros(1, dtype=np.int64), np.zeros(N_SIGNALS)
     timed: dict[str, Callable[[], Any]] = {
         "equations": solve_motion.bind(
             plant.model, p, v, forces[0], work.step.dynamics, np.empty_like(p), STAGES * plant.steps * periods
         ),
-        "law": act.bind(
-            law, tick, observations, B_hat, np.ones_like(B_hat), actions, new_workspace(act_shapes(law))
-        ),
+        "law": act.bind(law, tick, observations, states, actions, new_workspace(law_shapes(law))),
         "view": observe_states.bind(  # each in a place of its own, so that nothing can be left out
             plant, course.reference, plant.period * np.arange(periods), np.tile(p, (periods, 1)),
             np.tile(v, (periods, 1)), work, observations.copy(), signals,

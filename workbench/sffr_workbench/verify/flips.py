@@ -74,7 +74,12 @@ LOOP = {  # file: function: what it computes
     f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
     f"{LAWS}/regulator.py": {
         "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
-        "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
+        "worth_of_effort": "score", "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
+    },
+    f"{LAWS}/panel_reaction.py": {"make_panel_reaction": "2", "add_panel_reaction": "2-4, 45, 48"},
+    f"{LAWS}/observer.py": {
+        "tracked_errors": "formation", "_kalman_gain": "Riccati", "integrate": "integral", "_correct": "prediction",
+        "_reference_motion": "path", "_lag": "delay",
     },
     f"{LAWS}/schedule.py": {"write_features": "features", "apply_decision": "weight", "_propagate": "network"},
     f"{LAWS}/stability.py": {"sampled_growth": "sampling", "_sampled_modes": "sampling"},
@@ -97,6 +102,8 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{LAWS}/mic.py": ["test_mic.py"],
     f"{LAWS}/suppression.py": ["test_suppression.py"],
     f"{LAWS}/regulator.py": ["test_regulator.py"],
+    f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
+    f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or costs or stay or gain or tracked or prediction"],
     f"{LAWS}/schedule.py": ["test_schedule.py"],
     f"{LAWS}/stability.py": ["test_stability.py", "-k", "axial_growth or whole_state_space"],
 }  # fmt: skip
@@ -110,7 +117,6 @@ COUNTS = {"start", "at", "n", "n_a", "n_f", "n_m", "n_g", "n_modes", "N_BASE", "
 SQUARED = {"dU", "d2W"}  # arrays that enter the equations as squares: the sign of all entries at once is free
 FREE = {  # function, term: why its sign makes no difference
     ("_rotate", "1.0 / sqrt(t * t + 1.0)"): "a rotation by half a turn more",
-    ("optimal_gain", "piezo.voltage / np.array([piezo.force, piezo.force, piezo.moment])[driven]"): "squared",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
 }

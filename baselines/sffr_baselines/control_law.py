@@ -1,0 +1,128 @@
+"""A control law of the paper's kind: what it believes, what it remembers, and what it makes of an observation.
+
+It estimates what it cannot measure well, suppresses the panels' vibration, and moves base, arms and object by inverse
+dynamics; each part can do more than the paper's law does, and by itself does not.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sffr_baselines.mic import Gains, MicWork, mic, mic_shapes
+from sffr_baselines.observer import Observer, estimate, integrate
+from sffr_baselines.panel_reaction import PanelReaction, add_panel_reaction
+from sffr_baselines.regulator import Regulator, regulate
+from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes
+from sffr_baselines.suppression import Suppression, suppress
+from sffr_gym.compile.kernels import kernel
+from sffr_gym.physics.beam import N_TIP
+from sffr_gym.physics.model import N_BASE, Model
+from sffr_gym.task.observation import ObservationIndex
+from sffr_gym.task.reference import Reference
+from sffr_gym.types import Array, IntArray
+
+
+class Law(NamedTuple):
+    """HSC and its relatives as one compiled law; everything here is what the controller believes."""
+
+    prior: Model  #: the robot
+    reference: Reference  #: the formation that the task asks for
+    held: IntArray  #: joints that hold their angles
+    gains: Gains  #: of the error law
+    at: ObservationIndex  #: index map of the observation
+    suppression: Suppression  #: the panels' law
+    regulator: Regulator  #: what is added to it, of no effect in the paper's laws
+    observer: Observer  #: what it makes of measurements, of no effect in them
+    reaction: PanelReaction  #: feed-forward of what the panels pull the base with, of no effect in them
+    schedule: Schedule  #: what changes the virtual damping over time, of no effect in them
+    allocation: Array  #: (n_p, n_c, 3) volts for a desired tip force
+    scale: Array  #: (n_u,) command of a unit action
+
+
+class LawState(NamedTuple):
+    """What a law remembers from one control period to the next."""
+
+    B_hat: Array  #: (n_p, 3) virtual damping
+    factor: Array  #: (n_p, 3) by which a schedule multiplies it
+    integral: Array  #: (n_t,) of the tracked errors over time [m s, rad s]
+    errors: Array  #: (n_t, 2) estimates of the tracked errors and of their rates
+    late: Array  #: (1,) 1 if the sensors were found to lag a period, else 0
+    age: Array  #: (1,) observations that the estimates were made of
+
+
+class LawWork(NamedTuple):
+    """Memory of a law's period."""
+
+    mic: MicWork
+    schedule: ScheduleWork
+    seen: Array  #: (n_o,) what the law acts on
+
+
+def law_shapes(law):
+    """Shapes of the :class:`LawWork` of a :class:`Law`."""
+    n_o = law.at.reference_acceleration + 2
+    return LawWork(mic_shapes(law.prior), schedule_shapes(law), seen=(n_o,))
+
+
+def state_shapes(law):
+    """Shapes of the :class:`LawState` of a :class:`Law`."""
+    n_p, n_t = len(law.allocation), len(law.observer.error)
+    return LawState(
+        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), integral=(n_t,), errors=(n_t, 2), late=(1,), age=(1,)
+    )  # fmt: skip
+
+
+def make_states(law: Law, n: int) -> LawState:
+    """Return the state of ``n`` laws at the start of their episodes: arrays as in :class:`LawState`, (n, ...) each."""
+    states = LawState(*(np.zeros((n, *shape)) for shape in state_shapes(law)))
+    for i in range(n):
+        start_state(law, states, i)
+    return states
+
+
+def start_state(law: Law, states: LawState, i: int) -> None:
+    """Put row ``i`` of the states (n, ...) to the start of an episode."""
+    for array in states:
+        array[i] = 0.0
+    states.B_hat[i], states.factor[i] = law.suppression.B0 * law.suppression.damped, 1.0
+
+
+@kernel
+def state_at(states, i):
+    """The :class:`LawState` in row ``i`` of states (n, ...)."""
+    return LawState(
+        states.B_hat[i], states.factor[i], states.integral[i], states.errors[i], states.late[i], states.age[i]
+    )
+
+
+@kernel
+def perceive(law, obs, state, work):
+    """Write what the law acts on, ``work.seen`` (n_o,), for a measured observation ``obs`` (n_o,).
+
+    law: a :class:`Law`; state: its :class:`LawState`; work: :class:`LawWork`.
+    """
+    estimate(law.observer, law.gains, law.at, obs, state, work.seen)
+
+
+@kernel
+def control(law, state, work, command):
+    """Write the command (n_u,) of the law for what it has perceived; arguments as for :func:`perceive`.
+
+    The virtual damping adapts, and integrals grow, in ``state``.
+    """
+    n_volts = law.allocation.shape[0] * law.allocation.shape[1]
+    volts, seen = command[:n_volts], work.seen
+    suppress(law.suppression, law.allocation, law.scale[:n_volts], law.at, seen, state.factor, state.B_hat, volts)
+    if law.regulator.active:
+        regulate(law.regulator, law.at, seen, volts)
+    thrust, torque = command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :]
+    mic(law.prior, law.reference, law.held, law.gains, law.at, seen, state.integral, work.mic, thrust, torque)
+    if law.reaction.active:
+        add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, work.mic.base, thrust)
+    if law.gains.Ki > 0.0:
+        excess = 0.0
+        for k in range(n_volts, len(command)):
+            excess = max(excess, abs(command[k]) - law.scale[k])
+        integrate(law.observer, seen, excess > 0.0, state)
