@@ -21,9 +21,16 @@ LIBRARIES = {
     "conservation": [],
     "grasp": ["mujoco", "exudyn"],
     "fig5": ["mujoco", "exudyn"],
+    "large_motion": ["mujoco", "exudyn"],
 }
-SLOW = {"fig5", "grasp"}
-INTEGRATING = {"conservation", "staggered", "fig5", "grasp"}  # a hundred thousand steps, too many for the interpreter
+SLOW = {"fig5", "grasp", "large_motion"}
+INTEGRATING = {
+    "conservation",
+    "staggered",
+    "fig5",
+    "grasp",
+    "large_motion",
+}  # a hundred thousand steps, too many for the interpreter
 
 
 SECTIONS = [

@@ -164,6 +164,7 @@ class Panel(Section):
     area: Area = Field(description="area of the cross-section [m2]")
     elements: int = Field(ge=1, le=MOST_ELEMENTS, description="number of beam elements per panel [-]")
     strain_rate_damping: Relaxation = Field(description="Kelvin-Voigt eta in D = eta K [s]")
+    foreshortening: bool = Field(description="whether points are drawn inwards as the panel bends [-]")
     axial_cut: ModeCut = Field(description="clamped axial modes above this frequency are left out [rad/s]")
     bending_cut: ModeCut = Field(description="clamped bending modes above this frequency are left out [rad/s]")
     mounts: Annotated[tuple[PanelMount, ...], at_most(MOST_PANELS, COSTS)] = Field(

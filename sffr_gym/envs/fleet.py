@@ -68,7 +68,7 @@ def plant_at(fleet: Fleet, i: int) -> TaskModel:
     one: Any = Integers(())
     row = i if len(fleet.numbers) > 1 else 0
     numbers, integers = fleet.numbers[row], fleet.integers[row]
-    shapes = TaskSizes(Sizes(one, one, one, one, one, one, one, one), one, one, one, one)
+    shapes = TaskSizes(Sizes(one, one, one, one, one, one, one, one, one), one, one, one, one)
     sizes = structure(numbers, integers, shapes)
     plant: TaskModel = structure(numbers, integers[N_SIZES:], task_shapes(sizes))
     return plant

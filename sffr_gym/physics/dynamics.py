@@ -63,12 +63,11 @@ def internal_shapes(model):
 
 def work_shapes(model):
     """Shapes of the :class:`Work` of a robot."""
-    n_p, n_m = model.omega2.shape
     return Work(
         yaw=Yaw(cos=(1,), sin=(1,), anchor=anchor_shapes(1)),
         links=link_shapes(len(model.link_mass)),
         tips=tip_shapes(len(model.arm_angle)),
-        panels=panel_shapes(n_p, n_m),
+        panels=panel_shapes(model),
         grasps=grasp_shapes(len(model.grasp_arm)),
         inverse=(3, 3),
         load=(3,),
@@ -149,7 +148,8 @@ def flexible_wrench(model, v, work):
         c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
         rx, ry = _root_acceleration(model, i, ax, ay, alpha, v[2] * v[2])
         hx, hy = root.h_x[i], root.h_y[i]
-        gx, gy = root.M_xx[i] * rx + hx * alpha + root.p_x[i], root.M_yy[i] * ry + hy * alpha + root.p_y[i]
+        gx = root.M_xx[i] * rx + root.M_xy[i] * ry + hx * alpha + root.p_x[i]
+        gy = root.M_yy[i] * ry + root.M_xy[i] * rx + hy * alpha + root.p_y[i]
         bx, by = c * gx - s * gy, s * gx + c * gy
         fx -= bx
         fy -= by
@@ -190,11 +190,12 @@ def _base_inertia(model, p, v, tau, work, held):
         return H, (bias[0] - cb * fx - sb * fy, bias[1] + sb * fx - cb * fy, bias[2] - work.held[2])
     root = panels.root
     for i in range(model.omega2.shape[0]):
-        Mx, My, hx, hy, J = root.M_xx[i], root.M_yy[i], root.h_x[i], root.h_y[i], root.J[i]
+        Mx, Mxy, My, hx, hy, J = root.M_xx[i], root.M_xy[i], root.M_yy[i], root.h_x[i], root.h_y[i], root.J[i]
         qx, qy, torque = root.p_x[i], root.p_y[i], root.moment[i]
         c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
         inertia = (
-            c * c * Mx + s * s * My, c * s * (Mx - My), c * hx - s * hy, s * s * Mx + c * c * My, s * hx + c * hy, J
+            c * c * Mx + s * s * My - 2.0 * c * s * Mxy, c * s * (Mx - My) + (c * c - s * s) * Mxy, c * hx - s * hy,
+            s * s * Mx + c * c * My + 2.0 * c * s * Mxy, s * hx + c * hy, J,
         )  # fmt: skip
         load = (c * qx - s * qy, s * qx + c * qy, torque)
         H, bias = _attach(H, bias, model.panel_root[i, 0], model.panel_root[i, 1], w2, inertia, load)

@@ -32,12 +32,14 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.beam import N_TIP, Beam, Modes, beam, clamped_modes
+from sffr_gym.physics.foreshortening import Foreshortening, foreshortening_shapes, make_foreshortening
 from sffr_gym.physics.staggered import longest_stable_step
 from sffr_gym.types import Array, IntArray
 
@@ -107,6 +109,7 @@ class Model(NamedTuple):
     longest_step: float  #: [s] of the integrator
     stiff: StiffModes
     eta: float  #: strain-rate damping [s]
+    foreshortening: Foreshortening  #: of no length for linear panels
 
 
 class Sizes(NamedTuple):
@@ -116,6 +119,7 @@ class Sizes(NamedTuple):
         arms, links, panels, modes, coordinates, grasps, stiff: n_a, n_l, n_p, n_m, n_f, n_g and n_s of :class:`Model`;
             modes, axial ones among them, and nodal coordinates are those of one panel.
         axial: axial modes of a panel.
+        bent: modes of second order of a foreshortened panel, 0 for a linear one.
     """
 
     arms: int
@@ -126,6 +130,7 @@ class Sizes(NamedTuple):
     coordinates: int
     grasps: int
     stiff: int
+    bent: int
 
 
 def model_sizes(model: Model) -> Sizes:
@@ -133,7 +138,7 @@ def model_sizes(model: Model) -> Sizes:
     panels, coordinates, modes = model.shapes.shape
     return Sizes(
         len(model.arm_mount), len(model.link_mass), panels, modes, model.n_axial, coordinates, len(model.grasp_arm),
-        len(model.stiff.omega),
+        len(model.stiff.omega), len(model.foreshortening.tip),
     )  # fmt: skip
 
 
@@ -158,6 +163,7 @@ def model_shapes(n):
         grasp_arm=Integers((n.grasps,)), grasp_point=(n.grasps, 2),
         staggered=Integers(()), baumgarte=(), longest_step=(),
         stiff=StiffModes(Integers((n.stiff,)), Integers((n.stiff,)), Integers((n.stiff,)), (n.stiff,)), eta=(),
+        foreshortening=foreshortening_shapes(n.bent),
     )  # fmt: skip
 
 
@@ -238,7 +244,22 @@ def pack(params: Params) -> Model:
             stiff_panel, stiff_mode, at.modes + stiff_panel * n_m + stiff_mode, np.tile(modes.omega[is_stiff], n_p)
         ),
         eta=panel.strain_rate_damping,
+        foreshortening=_foreshortening(params, modes, is_stiff),
     )
+
+
+def _foreshortening(params: Params, modes: Modes, is_stiff: NDArray[np.bool_]) -> Foreshortening:
+    """Return the integrals of foreshortened panels; raise ConfigError for modes that their integration cannot hold."""
+    if not params.panel.foreshortening:
+        return Foreshortening(*(np.zeros(shape) for shape in foreshortening_shapes(0)))
+    if is_stiff.any():
+        slowest = modes.omega[is_stiff].min()
+        raise ConfigError(
+            f"panel.bending_cut = {params.panel.bending_cut:g}: with panel.foreshortening no mode may turn more than "
+            f"{STIFF:g} rad in an integration step, and the one at {slowest:.3g} rad/s does; lower the cut, or shorten "
+            "simulation.max_step"
+        )
+    return make_foreshortening(params.panel, modes)
 
 
 def _index_map(n_links: int, n_amplitudes: int, has_object: bool) -> Index:
@@ -294,8 +315,9 @@ def panel_beam(params: Params) -> Beam:
 
 
 def panel_modes(params: Params) -> Modes:
-    """Clamped modes of the configured panel up to its cuts."""
-    return clamped_modes(panel_beam(params), params.panel.axial_cut, params.panel.bending_cut)
+    """Clamped modes of the configured panel up to its cuts; a foreshortened one keeps its length."""
+    axial_cut = 0.0 if params.panel.foreshortening else params.panel.axial_cut
+    return clamped_modes(panel_beam(params), axial_cut, params.panel.bending_cut)
 
 
 def nodal(model: Model, amplitudes: Array) -> Array:

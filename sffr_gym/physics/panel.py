@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Interleaved
+from sffr_gym.physics.foreshortening import Bent, bent_shapes, condense_bent
 from sffr_gym.physics.model import first_mode
 from sffr_gym.types import Array
 
@@ -27,6 +28,7 @@ class Roots(NamedTuple):
     """
 
     M_xx: Array  #: (n_p,) apparent masses [kg]
+    M_xy: Array  #: (n_p,) 0 of a linear panel
     M_yy: Array  #: (n_p,)
     h_x: Array  #: (n_p,) coupling of translation and rotation [kg m]
     h_y: Array  #: (n_p,)
@@ -41,13 +43,21 @@ class Panels(NamedTuple):
 
     f: Array  #: (n_p, n_m) modal forces [kg^(1/2) m/s2]
     turn: Array  #: (n_p, n_m) rotation coupling of each mode [kg^(1/2) m]
+    along: Array  #: (n_p, n_m) translation coupling along and across a foreshortened panel, 1 + T divided out
+    across: Array  #: (n_p, n_m)
+    bent: Bent  #: memory of a foreshortened panel
     root: Roots
 
 
-def panel_shapes(n_p, n_m):
-    """Shapes of :class:`Panels` for ``n_p`` panels of ``n_m`` modes."""
-    roots = Roots((n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,))
-    return Panels(f=(n_p, n_m), turn=(n_p, n_m), root=Interleaved(roots))
+def panel_shapes(model):
+    """Shapes of the :class:`Panels` of a robot."""
+    n_p, n_m = model.omega2.shape
+    n_b = n_m if len(model.foreshortening.tip) else 0
+    roots = Roots((n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,))
+    return Panels(
+        f=(n_p, n_m), turn=(n_p, n_m), along=(n_p, n_b), across=(n_p, n_b), bent=bent_shapes(model),
+        root=Interleaved(roots),
+    )  # fmt: skip
 
 
 @kernel
@@ -57,6 +67,9 @@ def condense(model, i, p, v, tau, yaw_rate, panels):
     p, v, tau: (n,) positions, velocities and generalised forces; yaw_rate: angular velocity of the root [rad/s].
     panels: :class:`Panels`, whose row ``i`` is written.
     """
+    if len(model.foreshortening.tip) > 0:
+        condense_bent(model, i, p, v, tau, yaw_rate, panels)
+        return
     n_a, n_m, start = model.n_axial, model.omega2.shape[1], first_mode(model, i)
     w, w2 = yaw_rate, yaw_rate * yaw_rate
     mass, first, second = model.panel_mass[i], model.panel_first_moment[i], model.panel_second_moment[i]
@@ -108,7 +121,7 @@ def condense(model, i, p, v, tau, yaw_rate, panels):
     py += 2.0 * w * first_xd - w2 * first_y
     moment += 2.0 * w * coriolis
     root = panels.root
-    root.M_xx[i], root.M_yy[i], root.h_x[i], root.h_y[i], root.J[i] = Mxx, Myy, hx, hy, J
+    root.M_xx[i], root.M_xy[i], root.M_yy[i], root.h_x[i], root.h_y[i], root.J[i] = Mxx, 0.0, Myy, hx, hy, J
     root.p_x[i], root.p_y[i], root.moment[i] = px, py, moment
 
 
@@ -121,6 +134,11 @@ def expand(model, i, ax, ay, alpha, full, panels, out):
     panels: :class:`Panels` after :func:`condense`.
     """
     f, turn, translation, start = panels.f[i], panels.turn[i], model.translation[i], first_mode(model, i)
+    if len(model.foreshortening.tip) > 0:
+        for j in range(len(f)):
+            force = f[j] if full else 0.0
+            out[start + j] = force - panels.along[i, j] * ax - panels.across[i, j] * ay - turn[j] * alpha
+        return
     for j in range(model.omega2.shape[1]):
         root = ax if j < model.n_axial else ay
         force = f[j] if full else 0.0

@@ -15,6 +15,7 @@ from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import flexible_wrench
+from sffr_gym.physics.energy import energy_of, momentum_of
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
@@ -170,7 +171,11 @@ class Simulator:
         return volts.reshape(n_p, n_c), base, joints
 
     def mass_matrix(self, state: State) -> Array:
-        """Return M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates."""
+        """Return M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates.
+
+        Raises:
+            ValueError: for foreshortened panels, as :meth:`bias` and :meth:`frequencies`: theirs is not that of Eq. 45.
+        """
         return self._assembled(self._own(state))[0]
 
     def bias(self, state: State) -> Array:
@@ -185,27 +190,11 @@ class Simulator:
 
     def energy(self, state: State) -> float:
         """Return the kinetic and strain energy of robot and object [J]."""
-        state = self._own(state)
-        M, _ = self._assembled(state)
-        zd = np.concatenate([state.qd, state.qfd.ravel()])
-        energy = 0.5 * zd @ M @ zd + 0.5 * np.einsum("pf,fg,pg->", state.qf, self._beam.K, state.qf)
-        if state.objd is not None:
-            m, inertia = self.model.object_mass, self.model.object_inertia
-            energy += 0.5 * np.array([m, m, inertia]) @ state.objd**2
-        return float(energy)
+        return energy_of(self.model, *self._flat(self._own(state)))
 
     def momentum(self, state: State) -> Array:
         """Return linear momentum and angular momentum about the inertial origin (3,) [N s, N s, N m s]."""
-        state = self._own(state)
-        M, _ = self._assembled(state)
-        px, py, pz = (M @ np.concatenate([state.qd, state.qfd.ravel()]))[:3]
-        total = np.array([px, py, pz + state.q[0] * py - state.q[1] * px])
-        if state.obj is not None and state.objd is not None:
-            m = self.model.object_mass
-            spin = self.model.object_inertia * state.objd[2]
-            orbit = m * (state.obj[0] * state.objd[1] - state.obj[1] * state.objd[0])
-            total += np.array([m * state.objd[0], m * state.objd[1], spin + orbit])
-        return total
+        return momentum_of(self.model, *self._flat(self._own(state)))
 
     def q_flex(self, state: State, **command: ArrayLike | None) -> Array:
         """Return the generalised force (n,) of the panels on the rigid part, Eq. 4; commands as in :meth:`step`."""
@@ -269,6 +258,8 @@ class Simulator:
         return tau
 
     def _assembled(self, state: State) -> tuple[Array, Array]:
+        if self.params.panel.foreshortening:
+            raise ValueError("panel.foreshortening: Eqs. 45 and 48 are those of the linear panel; set it to false")
         return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
 
     def _duration(self, dt: float | None) -> float:

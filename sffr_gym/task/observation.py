@@ -17,6 +17,7 @@ from sffr_gym.config.params import Params
 from sffr_gym.physics import arms
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import directions
+from sffr_gym.physics.foreshortening import tip_foreshortening
 from sffr_gym.physics.model import N_BASE, Model, first_mode
 from sffr_gym.types import IntArray
 
@@ -159,6 +160,9 @@ def observe(task, reference, des, p, v, work, obs, refresh):
                 rate += task.actuators.tips[i, m, k] * v[start + m]
             obs[at.elastic + N_TIP * i + k] = displacement
             obs[at.elastic_rate + N_TIP * i + k] = rate
+        inward, inward_rate = tip_foreshortening(model, i, p, v)
+        obs[at.elastic + N_TIP * i] -= inward
+        obs[at.elastic_rate + N_TIP * i] -= inward_rate
     _write(obs, at.reference_velocity, ch, sh, des.xd, des.yd)
     obs[at.reference_turn] = turn
     _write(obs, at.reference_acceleration, ch, sh, des.xdd, des.ydd)

@@ -45,20 +45,23 @@ EQUATIONS_OF_MOTION = {  # file: function: equations that it computes
     },
     f"{PHYSICS}/arms.py": {"link_directions": "41", "articulate": "41", "expand": "41", "tip_motion": "41"},
     f"{PHYSICS}/dynamics.py": {
-        "_base_inertia": "52", "_attach": "41, 52", "_distribute": "41", "flexible_wrench": "52",
-        "_root_acceleration": "49",
+        "_attach": "41, 52", "_base_inertia": "52", "_distribute": "41", "_root_acceleration": "49",
+        "flexible_wrench": "52",
     },
     f"{PHYSICS}/grasp.py": {"couple_object": "8", "solve_object": "8"},
 }  # fmt: skip
 LOOP = {  # file: function: what it computes
     f"{PHYSICS}/etdrk4.py": {
-        "etdrk4_step": "ETDRK4", "_extrapolate": "ETDRK4", "_constant_forcing": "ETDRK4",
-        "_quadratic_forcing": "ETDRK4",
+        "etdrk4_step": "step", "_extrapolate": "stages", "_constant_forcing": "ETDRK4", "_quadratic_forcing": "ETDRK4",
     },
     f"{PHYSICS}/stiff_modes.py": {
         "freeze": "ETDRK4", "take_out": "ETDRK4", "_transition": "ETDRK4", "_rotate": "Jacobi",
     },
     f"{PHYSICS}/rk4.py": {"rk4_step": "RK4"},
+    f"{PHYSICS}/foreshortening.py": {
+        "condense_bent": "d'Alembert", "_move_inward": "d'Alembert", "_stiffen": "curvature", "_factor": "Cholesky",
+        "_solve": "Cholesky", "tip_foreshortening": "tip", "panel_inertia": "energy",
+    },
     f"{PHYSICS}/actuators.py": {"pack_actuators": "15", "generalized_forces": "14"},
     f"{TASK}/reference.py": {"circle_reference": "formation", "desired": "path"},
     f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
@@ -93,6 +96,7 @@ PERIOD = [
 ]  # fmt: skip
 TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
+    f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
     f"{PHYSICS}/actuators.py": ["test_actuators.py"],
     f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
     f"{TASK}/observation.py": ["test_observation.py"],
@@ -100,16 +104,13 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
     f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
     f"{LAWS}/mic.py": ["test_mic.py"],
-    f"{LAWS}/suppression.py": ["test_suppression.py"],
-    f"{LAWS}/regulator.py": ["test_regulator.py"],
+    f"{LAWS}/suppression.py": ["test_suppression.py"], f"{LAWS}/regulator.py": ["test_regulator.py"],
     f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
     f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or costs or stay or gain or tracked or prediction"],
     f"{LAWS}/schedule.py": ["test_schedule.py"],
     f"{LAWS}/stability.py": ["test_stability.py", "-k", "axial_growth or whole_state_space"],
 }  # fmt: skip
-DERIVATION = (
-    "sffr_workbench.verify.panel_symbols"  # SymPy's, which takes a while and nothing from the flipped sources: kept
-)
+DERIVATION = "sffr_workbench.verify.panel_symbols"  # SymPy's, slow and of nothing that is flipped: kept
 # Sections that see a file, the fastest first; all the others that need no long run come after them.
 FIRST = {f"{PHYSICS}/beam.py": ("equations",), f"{PHYSICS}/kinematics.py": ("rigid",)}
 SECTIONS = ("coupling", "rigid", "equations")
@@ -117,6 +118,7 @@ COUNTS = {"start", "at", "n", "n_a", "n_f", "n_m", "n_g", "n_modes", "N_BASE", "
 SQUARED = {"dU", "d2W"}  # arrays that enter the equations as squares: the sign of all entries at once is free
 FREE = {  # function, term: why its sign makes no difference
     ("_rotate", "1.0 / sqrt(t * t + 1.0)"): "a rotation by half a turn more",
+    ("_factor", "1.0 / sqrt(A[j, j])"): "a factor of either sign has the same square",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
 }

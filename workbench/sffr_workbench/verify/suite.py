@@ -23,6 +23,7 @@ SECTIONS = (
     ("Conservation and order", "conservation"),
     ("Closed chain with the object", "grasp"),
     ("Fig. 5: a known force on the base", "fig5"),
+    ("Large motions: panels that keep their length", "large_motion"),
 )
 NAMES = tuple(name for _, name in SECTIONS)
 
