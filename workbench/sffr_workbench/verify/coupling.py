@@ -16,9 +16,11 @@ from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.dynamics import work_shapes
+from sffr_gym.physics.energy import energy_of
+from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import arm_points, rotation
-from sffr_gym.physics.model import N_BASE, Model, modal, nodal, panel_beam, tip_rows
-from sffr_gym.physics.plant import evaluate
+from sffr_gym.physics.model import N_BASE, Model, modal, mode_slice, nodal, panel_beam, tip_rows
+from sffr_gym.physics.plant import Plant, evaluate
 from sffr_gym.physics.simulator import Simulator, State
 from sffr_gym.types import Array
 from sffr_workbench.verify.check import Check, make_check, relative
@@ -55,7 +57,8 @@ def checks(quick: bool) -> list[partial[Check]]:
         ("another robot", load_params().with_overrides(*ALL_MODES, "panel.elements=2", "object=null", *OTHER_ROBOT)),
     ]
     listed = [partial(solution, name, params, states) for name, params in robots]
-    return listed + [partial(check, states) for check in (object_force, held_force, straight_elbow, panel_forces)]
+    others = (object_force, held_force, straight_elbow, panel_forces, foreshortened)
+    return listed + [partial(check, states) for check in others]
 
 
 def solution(name: str, params: Params, states: int) -> Check:
@@ -146,6 +149,40 @@ def panel_forces(states: int) -> Check:
         return [relative(sim.q_flex(state, **command)[:3], [*force, moment])]
 
     return _rounding_check("Q_flex of the case study", "Eq. 52 with Eqs. 45, 48, 50", sim, states, errors)
+
+
+def foreshortened(states: int, step: float = 1.0e-4) -> Check:
+    """Check panels that keep their length against Lagrange's equations of their energy, and Q_flex against the base's.
+
+    The momenta are derivatives of the energy by the velocities, exact by differences since it is quadratic in them;
+    along the motion they change as the Lagrangian does with the coordinates.
+    """
+    sim = Simulator(load_params().with_overrides("panel.foreshortening=true", "panel.elements=2", *OTHER_ROBOT[:1]))
+    sim = Simulator(sim.params.with_overrides("object=null", "panel.strain_rate_damping=0"))
+    model, directions, worst = sim.model, np.eye(sim.model.at.end), 0.0
+
+    def by_velocity(p: Array, v: Array) -> Array:
+        return np.array([(energy_of(model, p, v + each) - energy_of(model, p, v - each)) / 2.0 for each in directions])
+
+    plant, still, rng = Plant(model, INTEGRATORS["etdrk4"]), np.zeros(model.at.end), np.random.default_rng(0)
+    for _ in range(max(states // 10, 2)):
+        p, v = rng.uniform(-3.0, 3.0, model.at.end), rng.normal(size=model.at.end)
+        p[mode_slice(model)] = 0.5 * v[mode_slice(model)] / np.sqrt(model.omega2.ravel())
+        state, a = sim.unflatten(0.0, p, v), plant.accelerations(p, v, still)
+        rate = by_velocity(p + step * v, v + step * a) - by_velocity(p - step * v, v - step * a)
+        ends = [p + step * each for each in directions], [p - step * each for each in directions]
+        slope = np.array([
+            energy_of(model, ahead, v) - 2.0 * energy_of(model, ahead, still)
+            - energy_of(model, behind, v) + 2.0 * energy_of(model, behind, still)
+            for ahead, behind in zip(*ends, strict=True)
+        ])  # fmt: skip
+        H, C = monolithic.rigid_equations(model, state.q, state.qd)
+        base = (H @ a[: len(state.q)] + C)[:N_BASE]
+        worst = max(worst, relative(rate, slope), relative(sim.q_flex(state)[:N_BASE], base))
+    return make_check(
+        "Panels that keep their length: accelerations and Q_flex", "Lagrange's equations of their energy",
+        worst, 1.0e-6, "", f"By differences over {step:g} s; rounding and the third derivative are left.",
+    )  # fmt: skip
 
 
 def monolithic_solution(sim: Simulator, state: State, command: dict[str, Array]) -> Solution:
