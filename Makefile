@@ -47,7 +47,7 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 test: $(VENV)/.dev ## the tests, but the slow ones
 	$(BIN)/python -m pytest -n 2 -m "not slow" $(PYTEST_ARGS)
 
-proofs: $(VENV)/.dev ## the slow tests: flipped signs, other engines, the golden record, killed commands, built wheels
+proofs: $(VENV)/.dev ## the slow tests: flipped signs, other engines, killed commands, built wheels
 	$(BIN)/python -m pytest -n 2 -m slow $(PYTEST_ARGS)
 
 coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that tests run with kernels as Python

@@ -10,6 +10,11 @@ def actions(count, seed=0, size=0.3):
     return size * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, N_ACTIONS))
 
 
+def actions_of(env, count, seed=0, size=0.3):
+    """The same for any environment, single or vector, whatever its actuators are."""
+    return size * np.random.default_rng(seed).uniform(-1.0, 1.0, (count, *env.action_space.shape))
+
+
 def rollout(env, inputs):
     """Return the outputs of consecutive steps."""
     return [env.step(action) for action in inputs]

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from stepping import N_ACTIONS, actions, assert_healthy, assert_same, rollout
+from stepping import N_ACTIONS, actions, actions_of, assert_healthy, assert_same, rollout
 
 import sffr_gym
 from sffr_gym.compile.arguments import Block
@@ -90,7 +90,8 @@ def test_seeded_rollouts_are_identical(scenario):
     before = pickle.dumps(np.random.get_state())  # noqa: NPY002 (it must not be used)
     results = []
     for env in (SFFRFlexEnv(scenario), SFFRFlexEnv(scenario)):
-        results.append([env.reset(seed=11), rollout(env, actions(60)), env.reset(), rollout(env, actions(5))])
+        some, more = actions_of(env, 60), actions_of(env, 5)
+        results.append([env.reset(seed=11), rollout(env, some), env.reset(), rollout(env, more)])
     assert_same(*results)
     assert pickle.dumps(np.random.get_state()) == before  # noqa: NPY002
 
@@ -126,10 +127,11 @@ def test_reset_forgets_a_messy_episode(scenario):
     """A seeded reset after saturated, failed steps equals that of a fresh environment, and so does what follows."""
     env, fresh = SFFRFlexEnv(scenario), SFFRFlexEnv(scenario)
     env.reset(seed=8)
-    rollout(env, actions(400, size=5.0))
-    assert env.step(actions(1, size=5.0)[0])[2], "the episode should have failed"
+    rollout(env, actions_of(env, 400, size=5.0))
+    push = np.full(env.action_space.shape, 5.0)
+    assert any(env.step(push)[2] for _ in range(10_000)), "the episode should have failed"
     assert_same(env.reset(seed=9), fresh.reset(seed=9))
-    assert_same(rollout(env, actions(20)), rollout(fresh, actions(20)))
+    assert_same(rollout(env, actions_of(env, 20)), rollout(fresh, actions_of(fresh, 20)))
 
 
 def test_reward_is_the_sum_of_its_terms():
@@ -157,7 +159,7 @@ def test_info_has_constant_keys_and_types(scenario):
     _, first = env.reset(seed=0)
     keys = {*SIGNALS, *(f"reward_{name}" for name in REWARDS), "time", "clipped", "failure", "cost", "applied"}
     assert set(first) - {"drawn"} == keys and ("drawn" in first) == (scenario != "nominal")
-    for *_, info in [*rollout(env, actions(300, size=5.0)), (env.reset()[1],)]:
+    for *_, info in [*rollout(env, actions_of(env, 300, size=5.0)), (env.reset()[1],)]:
         assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
         assert list(info.get("drawn", {})) == list(first.get("drawn", {}))
 

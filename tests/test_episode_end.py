@@ -88,3 +88,15 @@ def test_overflow_ends_with_a_reason_and_without_nan(rate, speed):
     assert outputs[-1][4]["failure"] == Failure.NOT_FINITE
     assert_healthy(env, outputs)
     assert np.isfinite(env.positions).all() and np.isfinite(env.velocities).all()
+
+
+def test_a_state_whose_energy_overflows_ends_the_episode():
+    """Piezos of billions of newtons on a panel of nothing: finite states whose squares are not."""
+    panel = ["panel.mass=1.0e-6", "panel.E=1.0e+13", "panel.EI=1.0e+6", "panel.bending_cut=1.0e+9"]
+    piezo = ["actuators.piezo.force=1.0e+9", "actuators.piezo.moment=1.0e+9", "simulation.max_step=1.0e-5"]
+    env = SFFRFlexEnv(overrides=[*panel, *piezo, "panel.axial_cut=1.0e+9"])
+    env.reset(seed=0)
+    with np.errstate(all="ignore"):
+        outputs = rollout(env, np.ones((50, N_ACTIONS)))
+    assert_healthy(env, outputs)
+    assert outputs[-1][2]

@@ -151,7 +151,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         """
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(scenario, params, overrides, render_mode, render_every=render_every)
-        self._renderer = make_renderer(self.prior_task, render_mode, render_every, damped=True)
+        self._renderer = make_renderer(self._nominal_plant, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)
@@ -228,7 +228,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
             render_every=render_every, autoreset_mode=autoreset_mode,
         )  # fmt: skip
-        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every, damped=True)
+        self._renderers = make_renderers(num_envs, self._nominal_plant, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
         self.law_name, self.obs_names = law, observation_names(self.params)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,14 +11,15 @@ from typing import Any, ClassVar
 from gymnasium.envs.registration import EnvSpec
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.template import contiguous
-from sffr_gym.envs.arguments import ScenarioLike, plain, resolve_scenario
+from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, plain, resolve_params, resolve_scenario
 from sffr_gym.envs.batch import Stepper
 from sffr_gym.envs.starts import check_starts
 from sffr_gym.envs.state import check_form
-from sffr_gym.task.episode import Nominal
+from sffr_gym.task.episode import Nominal, nominal
 from sffr_gym.task.scenario import Scenario
-from sffr_gym.task.task_model import TaskModel
+from sffr_gym.task.task_model import TaskModel, make_task_model, nominal_plant
 
 _ANOTHER = "make another environment"
 _ROBOT = f"its plant is drawn by a scenario's `plant`; for another robot {_ANOTHER} with `params` or `overrides`"
@@ -46,6 +47,7 @@ class RobotEnvironment:
     params: Params  #: the robot as the controllers believe it to be
     prior_task: TaskModel  #: the same, packed
     _nominal: Nominal
+    _nominal_plant: TaskModel  #: the scenario's plant before anything is drawn
     _scenario: Scenario | None = None
     _spec: EnvSpec | None = None
 
@@ -134,11 +136,28 @@ class RobotEnvironment:
         """What tells parameters apart."""
         return self.params.hash()
 
+    def _settle(self, scenario: ScenarioLike, params: ParamsLike, overrides: Sequence[str]) -> None:
+        """Take robot, plant and scenario for good; raises ConfigError."""
+        resolved = resolve_scenario(scenario)
+        self.params = resolved.robot_of(resolve_params(params, overrides))
+        self.prior_task = make_task_model(self.params)
+        self._nominal = nominal(self.params, resolved)
+        self.fields = self._nominal.fields
+        self._nominal_plant = nominal_plant(self.prior_task, self._nominal)
+        check_starts(self._distribution(resolved), self._nominal, self._nominal_plant)
+        self._scenario = resolved
+
     def _checked_scenario(self, scenario: ScenarioLike) -> Scenario:
         """Return a scenario whose episodes this robot can begin; raises ConfigError."""
         resolved = resolve_scenario(scenario)
-        if resolved != self._scenario:
-            check_starts(self._distribution(resolved), self._nominal, self.prior_task)
+        if resolved == self._scenario:
+            return resolved
+        if (resolved.robot, resolved.plant.settings) != (self.scenario.robot, self.scenario.plant.settings):
+            raise ConfigError(
+                f"scenario {resolved.name}: has another robot or plant than '{self.scenario.name}', with which this "
+                "environment was made; make another environment for it"
+            )
+        check_starts(self._distribution(resolved), self._nominal, self._nominal_plant)
         return resolved
 
     def _distribution(self, scenario: Scenario) -> Scenario:

@@ -16,7 +16,6 @@ from sffr_gym.envs.arguments import (
     check_options,
     check_seed,
     observation_type,
-    resolve_params,
 )
 from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range, visible
@@ -24,12 +23,12 @@ from sffr_gym.envs.member import Present
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer
 from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import check_batch, check_episode
-from sffr_gym.task.episode import Episode, draw, nominal
+from sffr_gym.task.episode import Episode, draw
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.signals import SIGNALS
 from sffr_gym.task.status import RUNNING, Failure
-from sffr_gym.task.task_model import TaskModel, make_task_model, plant_of
+from sffr_gym.task.task_model import TaskModel, plant_of
 from sffr_gym.types import Array
 
 MEASURED = (*SIGNALS, *(f"reward_{name}" for name in REWARDS))  # keys of an info
@@ -161,16 +160,13 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
                 f"render_mode must be one of {[None, *self.metadata['render_modes']]}, got {render_mode!r}"
             )
         self.render_mode = render_mode
-        self.params = resolve_params(params, overrides)
-        self.prior_task = self._plant_task = make_task_model(self.params)
-        self._nominal = nominal(self.params)
-        self.fields = self._nominal.fields
-        self._scenario = self._checked_scenario(scenario)
+        self._settle(scenario, params, overrides)
+        self._plant_task = self._nominal_plant
         self.action_space, self.observation_space = make_spaces(self.prior_task, observation_type(dtype))
-        self._batch = make_batch(self.prior_task, 1)
+        self._batch = make_batch(self._nominal_plant, 1)
         self._episode: Episode | None = None
         self.metadata = self.metadata | {"render_fps": frame_rate(self.prior_task.period)}
-        self._renderer = make_renderer(self.prior_task, render_mode, render_every)
+        self._renderer = make_renderer(self._nominal_plant, render_mode, render_every)
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -187,7 +183,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self._scenario = scenario
         episode = draw(self._distribution(scenario), self._nominal, self.np_random)
-        self._take(episode, plant_of(self.prior_task, episode))
+        self._take(episode, plant_of(self._nominal_plant, self._nominal, episode))
         self._start(episode)
         self._note()
         return self._observed(), self._info()
@@ -266,12 +262,12 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
 
     def _check(self, kept: dict[str, Any]) -> TaskModel:
         """Return the plant of a state; see the base class."""
-        check_batch(kept["batch"], self.prior_task)
+        check_batch(kept["batch"], self._nominal_plant)
         if kept["episode"] is None:
-            return self.prior_task
+            return self._nominal_plant
         if self._renderer is not None and kept["trace"] is not None:
             self._renderer.check(kept["trace"], visible(kept["batch"], 0))
-        return check_episode(kept["episode"], self._nominal, self.prior_task)
+        return check_episode(kept["episode"], self._nominal, self._nominal_plant)
 
     def _put(self, kept: dict[str, Any], checked: TaskModel) -> None:
         self._batch, self._scenario = kept["batch"], kept["scenario"]
@@ -290,7 +286,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     def _make_stepper(self) -> Stepper:
         """Return what advances the batch of this one environment."""
         n_u = len(self.prior_task.scale)
-        return Stepper(step_range, [self._plant_task], self._batch, n_u, group_shapes(self.prior_task))
+        return Stepper(step_range, [self._plant_task], self._batch, n_u, group_shapes(self._nominal_plant))
 
     def _observed(self) -> np.ndarray:
         """A copy of what an agent sees now."""

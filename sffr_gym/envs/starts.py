@@ -36,22 +36,22 @@ class Extremes(np.random.Generator):
         return (low, high, inside)[self.integers(3)]
 
 
-def check_starts(scenario: Scenario, known: Nominal, prior: TaskModel) -> None:
+def check_starts(scenario: Scenario, known: Nominal, plant: TaskModel) -> None:
     """Make sure that a scenario's episodes can be drawn, and that a start's true observation lies within its bounds.
 
     Args:
         scenario: what episodes are drawn from.
-        known: what the controllers believe.
-        prior: the same, packed.
+        known: what the controllers believe, and the plant before anything is drawn.
+        plant: the latter, packed.
 
     Raises:
         ConfigError: if the robot lacks what the scenario asks for, or a start lies outside of the observation space;
             the message names the field, what it reaches, and the key of its bound.
     """
-    rng, reached = Extremes(np.random.PCG64(SEED)), np.zeros(len(prior.bound))
+    rng, reached = Extremes(np.random.PCG64(SEED)), np.zeros(len(plant.bound))
     for _ in range(DRAWS):
         episode = draw(scenario, known, rng)
-        np.maximum(reached, np.abs(_observed(episode, prior)), out=reached)
+        np.maximum(reached, np.abs(_observed(episode, known, plant)), out=reached)
         if not episode.drawn:  # all are the same
             break
     for field in known.fields.values():
@@ -62,11 +62,11 @@ def check_starts(scenario: Scenario, known: Nominal, prior: TaskModel) -> None:
             )
 
 
-def _observed(episode: Episode, prior: TaskModel) -> Array:
+def _observed(episode: Episode, known: Nominal, nominal: TaskModel) -> Array:
     """Return the true observation (n_o,) at the start of an episode, wherever it lies."""
-    plant = plant_of(prior, episode)
-    unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(prior, 1)
+    plant = plant_of(nominal, known, episode)
+    unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(nominal, 1)
     exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0))
     put_episode(batch, 0, exact)
-    observe_row(Structures([unbounded]), batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(prior)))
+    observe_row(Structures([unbounded]), batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(nominal)))
     return batch.obs[0]

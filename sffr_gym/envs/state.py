@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sffr_gym.config.params import Params
 from sffr_gym.config.sections import Section
 from sffr_gym.config.template import conform
 from sffr_gym.envs.batch import NEVER, Batch
@@ -91,7 +90,7 @@ def check_episode(episode: Any, known: Nominal, prior: TaskModel) -> TaskModel:
     Args:
         episode: what came from outside.
         known: what the controllers of this environment believe.
-        prior: the same, packed.
+        prior: the plant before anything is drawn, packed.
     """
     form = _episode_form(episode, known, prior)._asdict() | {"drawn": None}
     asked = episode._asdict() if isinstance(episode, Episode) else episode
@@ -112,7 +111,7 @@ def check_episode(episode: Any, known: Nominal, prior: TaskModel) -> TaskModel:
     if not isinstance(drawn, dict) or not all(isinstance(k, str) and isinstance(v, float) for k, v in drawn.items()):
         raise ValueError(f"{here}.drawn: must map names to numbers")
     try:
-        plant = plant_of(prior, episode) if _is_of(episode, known.params) else None
+        plant = plant_of(prior, known, episode) if _is_of(episode, known) else None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise ValueError(f"{here}: its parameters are damaged: {error}") from None
     if plant is None or not same_layout(prior, plant):
@@ -134,11 +133,14 @@ def _episode_form(episode: Any, known: Nominal, prior: TaskModel) -> Episode:
     )  # fmt: skip
 
 
-def _is_of(episode: Episode, params: Params) -> bool:
+def _is_of(episode: Episode, known: Nominal) -> bool:
     """Say whether a scenario could have drawn an episode's speed and plant, whatever their numbers, for a robot."""
-    prior, plant = episode.prior, episode.plant
-    at_speed = params.model_copy(update={"path": params.path.model_copy(update={"speed": prior.path.speed})})
-    if prior != at_speed:
+    plant, speed = episode.plant, episode.prior.path.speed
+    believed, prior = (
+        each.model_copy(update={"path": each.path.model_copy(update={"speed": speed})})
+        for each in (known.params, known.plant)
+    )
+    if episode.prior != believed:
         return False
     drawn: dict[str, Any] = {"panel": _with(prior.panel, plant.panel, "EI", "mass", "bending_cut", "axial_cut")}
     drawn["arms"] = tuple(
@@ -148,6 +150,9 @@ def _is_of(episode: Episode, params: Params) -> bool:
             }
         )
         for arm, its in zip(prior.arms, plant.arms, strict=True)
+    )
+    drawn["actuators"] = _with(prior.actuators, plant.actuators, "thruster_force", "thruster_torque").model_copy(
+        update={"piezo": _with(prior.actuators.piezo, plant.actuators.piezo, "force", "moment")}
     )
     if prior.object is not None:
         drawn["object"] = _with(prior.object, plant.object, "mass", "inertia")

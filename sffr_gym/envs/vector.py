@@ -21,7 +21,6 @@ from sffr_gym.envs.arguments import (
     check_seeds,
     is_whole,
     observation_type,
-    resolve_params,
     step_limit,
 )
 from sffr_gym.envs.base import RobotEnvironment
@@ -33,10 +32,10 @@ from sffr_gym.envs.pictures import RENDER_EVERY, check_pictures, frame_rate, mak
 from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import MOST_TICKS, check_batch, check_drawn, check_fleet, check_range
 from sffr_gym.render.trace import Past
-from sffr_gym.task.episode import Episode, draw, nominal
+from sffr_gym.task.episode import Episode, draw
 from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.status import RUNNING
-from sffr_gym.task.task_model import make_task_model, plant_of
+from sffr_gym.task.task_model import plant_of
 from sffr_gym.types import Array
 
 
@@ -94,17 +93,13 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self.num_envs = num_envs = int(num_envs)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.params = resolve_params(params, overrides)
-        self.prior_task = make_task_model(self.params)
-        self._nominal = nominal(self.params)
-        self.fields = self._nominal.fields
-        self._scenario = self._checked_scenario(scenario)
+        self._settle(scenario, params, overrides)
         spaces = make_spaces(self.prior_task, observation_type(dtype))
         self.single_action_space, self.single_observation_space = spaces
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._max_steps = step_limit(max_episode_steps)
-        self._fleet, self._batch = make_fleet(self.prior_task), make_batch(self.prior_task, num_envs)
+        self._fleet, self._batch = make_fleet(self._nominal_plant), make_batch(self._nominal_plant, num_envs)
         seeded = [seeding.np_random() for _ in range(num_envs)]
         self._rngs, self._seeds = [rng for rng, _ in seeded], [seed for _, seed in seeded]
         self._drawn: Drawn = {}
@@ -112,7 +107,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self._always: tuple[Scenario, list[np.ndarray]] | None = None  # start of every episode of a scenario
         self._all = np.ones(num_envs, dtype=np.bool_)
-        self._renderers = make_renderers(num_envs, self.prior_task, render_mode, render_every)
+        self._renderers = make_renderers(num_envs, self._nominal_plant, render_mode, render_every)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": frame_rate(self.prior_task.period),
@@ -245,11 +240,11 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
 
     def _check(self, kept: dict[str, Any]) -> dict[int, Params]:
         """Return the plants to draw, by environment; see the base class."""
-        check_batch(kept["batch"], self.prior_task)
-        check_fleet(kept["fleet"], self.prior_task, self.num_envs)
+        check_batch(kept["batch"], self._nominal_plant)
+        check_fleet(kept["fleet"], self._nominal_plant, self.num_envs)
         kept["drawn"] = check_drawn(kept["drawn"], self.num_envs)
         check_range(kept["ticks"], 0, MOST_TICKS, "state.ticks")
-        return check_pictures(self._renderers, kept, self.params)
+        return check_pictures(self._renderers, kept, self._nominal.plant)
 
     def _put(self, kept: dict[str, Any], checked: dict[int, Params]) -> None:
         for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
@@ -275,7 +270,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
     def _make_stepper(self) -> Stepper:
         """Return what advances the batch."""
         plants, n_u = plants_of(self._fleet), len(self.prior_task.scale)
-        return Stepper(step_range, plants, self._batch, n_u, group_shapes(self.prior_task))
+        return Stepper(step_range, plants, self._batch, n_u, group_shapes(self._nominal_plant))
 
     def _acting(self) -> Array:
         """Return the virtual damping (n, n_p) of the panels' tip displacements; empty without a law inside."""
@@ -297,8 +292,8 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         for _, has in self._drawn.values():
             has[mask] = False
         scenario = self._distribution(self.scenario)
-        if scenario.changes_plant and len(self._fleet.numbers) < self.num_envs:
-            self._fleet = make_fleet(self.prior_task, self.num_envs)  # until here all were alike
+        if scenario.draws_plant and len(self._fleet.numbers) < self.num_envs:
+            self._fleet = make_fleet(self._nominal_plant, self.num_envs)  # until here all were alike
             self._forget_stepper()
         if self._always is not None and self._always[0] is scenario:
             for array, start in zip(self._arrays(), self._always[1], strict=True):
@@ -313,7 +308,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         for i in rows:
             episode = draw(scenario, self._nominal, self._rngs[i])
             if len(self._fleet.numbers) == self.num_envs:
-                put_plant(self._fleet, i, plant_of(self.prior_task, episode))
+                put_plant(self._fleet, i, plant_of(self._nominal_plant, self._nominal, episode))
                 self._stepper.put_plant(i, plant_at(self._fleet, i))
             self._start(i, episode)
             if self._renderers:

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag, eigh, null_space
+from scipy.linalg import eigh, null_space
 
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import flexible_wrench
-from sffr_gym.physics.energy import energy_of, momentum_of
+from sffr_gym.physics.energy import energy_of, inertia_of, momentum_of
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
@@ -174,7 +174,7 @@ class Simulator:
         """Return M (N, N) over ``[q, qf of each panel]``, monolithic (Eqs. 41 and 45), nodal coordinates.
 
         Raises:
-            ValueError: for foreshortened panels, as :meth:`bias` and :meth:`frequencies`: theirs is not that of Eq. 45.
+            ValueError: for foreshortened panels, as :meth:`bias`: theirs is not that of Eq. 45.
         """
         return self._assembled(self._own(state))[0]
 
@@ -222,23 +222,18 @@ class Simulator:
     def frequencies(self, state: State) -> Array:
         """Return the undamped natural frequencies about a configuration at rest [rad/s], rigid motion left out.
 
-        Of the panels' modes below the cuts; with an object, of the motion that the pins allow.
+        Of the panels' modes below the cuts, straight if they keep their length; with an object, of the motion that the
+        pins allow.
         """
         state = self._own(state)
         n = len(state.q)
-        modes = block_diag(np.eye(n), *self.model.shapes)
-        M = modes.T @ self._assembled(state)[0] @ modes
-        stiffness = np.diag(np.concatenate([np.zeros(n), self.model.omega2.ravel()]))
+        M, at = inertia_of(self.model, self._flat(state)[0]), mode_slice(self.model)
+        stiffness = np.zeros_like(M)
+        stiffness[at, at] = np.diag(self.model.omega2.ravel())
         if state.obj is not None:
-            m, inertia = self.model.object_mass, self.model.object_inertia
             J, _ = monolithic.constraint_jacobian(self.model, state.q, 0 * state.qd, state.obj)
-            J = np.hstack([J[:, :n], np.zeros((len(J), len(M) - n)), J[:, n:]])
-            allowed = null_space(J)
-            padded = np.zeros((len(M) + 3, len(M) + 3))
-            padded[: len(M), : len(M)] = M
-            padded[-3:, -3:] = np.diag([m, m, inertia])
-            M = allowed.T @ padded @ allowed
-            stiffness = allowed.T @ np.pad(stiffness, (0, 3)) @ allowed
+            allowed = null_space(np.hstack([J[:, :n], np.zeros((len(J), at.stop - at.start)), J[:, n:]]))
+            M, stiffness = allowed.T @ M @ allowed, allowed.T @ stiffness @ allowed
         squares = eigh(stiffness, M, eigvals_only=True)
         omega = np.sqrt(np.clip(squares, 0.0, None))
         return omega[omega > RIGID_MODE]

@@ -5,7 +5,6 @@ Pure functions of the state; one source for the single environment, the batch an
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import NamedTuple
 
 from sffr_gym.compile.kernels import entry, kernel
@@ -19,6 +18,8 @@ from sffr_gym.task.reference import desired
 from sffr_gym.task.signals import N_SIGNALS, measure_command, measure_state
 from sffr_gym.task.status import NOT_FINITE, RUNNING, status_of
 from sffr_gym.types import Array
+
+LARGEST = 1.0e100  # of a state: energies and rewards are made of its squares
 
 
 class Before(NamedTuple):
@@ -117,10 +118,10 @@ def observe_state(task, reference, t, p, v, work, obs, signals):
 
 @kernel
 def _has_diverged(p, v):
-    """1 where a position or velocity (n,) is not finite, else 0."""
+    """1 where a position or velocity (n,) is not finite, or its square would not be, else 0."""
     diverged = 0.0
     for k in range(len(p)):
-        diverged = where(isfinite(p[k]) & isfinite(v[k]), diverged, 1.0)
+        diverged = where((abs(p[k]) < LARGEST) & (abs(v[k]) < LARGEST), diverged, 1.0)  # NaN is not less
     return diverged
 
 

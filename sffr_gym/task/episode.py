@@ -1,9 +1,9 @@
 """Episodes: one draw of a scenario, with its plant, start, reference, sensors, faults and impulses.
 
 All random numbers come from one generator, in this order, each only if the scenario draws it: path speed; phase;
-factors of object, EI, panel mass and the links one by one; each panel's modes (amplitude, phase); offset (distance,
-direction, angle); fault, and the panel that has it; impulse by impulse its time, size, direction and moment; delay;
-the key of the noise.
+factors of object, EI, panel mass, the links one by one, piezos and thrusters; each panel's modes (amplitude, phase);
+offset (distance, direction, angle); fault, and the panel that has it; impulse by impulse its time, size, direction and
+moment; delay; the key of the noise.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from sffr_gym.config.params import Params
 from sffr_gym.config.ranges import LARGEST_CUT
+from sffr_gym.config.sections import Actuators as ActuatorSection
 from sffr_gym.config.sections import Arm, Panel
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators
@@ -65,20 +66,23 @@ class Nominal(NamedTuple):
     """What every draw begins from, computed once since it would take the longest part of a draw."""
 
     params: Params  #: what the controllers believe
-    model: Model  #: packed from it
-    p: Array  #: (n,) positions and velocities at the undisturbed start
+    plant: Params  #: the robot as it is, before anything is drawn; the same object if that is what they believe
+    model: Model  #: the plant, packed
+    p: Array  #: (n,) its positions and velocities at the undisturbed start
     v: Array  #: (n,)
     fields: dict[str, Field]  #: layout of the observation
 
 
-def nominal(params: Params) -> Nominal:
-    """Return the robot that the controllers believe in, at its start.
+def nominal(params: Params, scenario: Scenario | None = None) -> Nominal:
+    """Return the robot that the controllers believe in and the scenario's plant, at its start.
 
     Raises:
-        ConfigError: if the end-effectors cannot reach the grasp points from the given joint angles.
+        ConfigError: if the end-effectors cannot reach the grasp points from the given joint angles, or for settings of
+            the plant that are not valid.
     """
-    model = pack(params)
-    return Nominal(params, model, *initial_positions(params, model), observation_fields(model, params))
+    plant = params if scenario is None else scenario.plant_of(params)
+    model = pack(plant)
+    return Nominal(params, plant, model, *initial_positions(plant, model), observation_fields(model, params))
 
 
 def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episode:
@@ -91,15 +95,18 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
 
     Raises:
         ConfigError: if the scenario asks for a mode, an object or a panel that the robot does not have.
+        ValueError: for a scenario whose plant is not that of ``known``.
     """
+    if scenario.plant.settings and known.plant is known.params:
+        raise ValueError(f"scenario {scenario.name}: has a plant of its own: draw from nominal(params, scenario)")
     drawn: Drawn = {}
     prior = _draw_speed(scenario, known.params, rng, drawn)
     phase = 0.0  # angle on the circle at the start [rad]
     if scenario.random_phase:
         drawn["path_phase_rad"] = phase = rng.uniform(0.0, 2.0 * np.pi)
-    plant = _draw_plant(scenario, prior, rng, drawn)
+    plant = _draw_plant(scenario, prior, known, rng, drawn)
     model, p, v = known.model, known.p.copy(), known.v.copy()
-    if plant is not prior:
+    if scenario.draws_model:
         model = pack(plant)
         if (model.at, model.n_axial) != (known.model.at, known.model.n_axial):  # by rounding, of a cut on a frequency
             raise ConfigError(
@@ -121,7 +128,7 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
 
 
 def drawn_plant(params: Params, drawn: Drawn) -> Params:
-    """Return the plant of an episode, made again of what the controllers believe and what was drawn.
+    """Return the plant of an episode, made again of what it is before anything is drawn, and what was drawn.
 
     Raises:
         ValueError: for a factor or speed that no scenario draws.
@@ -154,10 +161,13 @@ def _at_speed(params: Params, drawn: Drawn) -> Params:
     return params.model_copy(update={"path": params.path.model_copy(update={"speed": speed})})
 
 
-def _draw_plant(scenario: Scenario, prior: Params, rng: np.random.Generator, drawn: Drawn) -> Params:
-    """Return the plant that the factors make of what the controllers believe; the same object if none is drawn."""
-    if not scenario.changes_model:
-        return prior
+def _draw_plant(scenario: Scenario, prior: Params, known: Nominal, rng: np.random.Generator, drawn: Drawn) -> Params:
+    """Return the plant that drawn factors make of the scenario's; the very object if none is drawn."""
+    plant = prior
+    if known.plant is not known.params:
+        plant = known.plant if scenario.speed is None else _at_speed(known.plant, drawn)
+    if not scenario.draws_model:
+        return plant
     factors = scenario.plant
     if factors.object is not None:
         if prior.object is None:
@@ -170,12 +180,17 @@ def _draw_plant(scenario: Scenario, prior: Params, rng: np.random.Generator, dra
     if factors.link_mass is not None:
         for arm in prior.arms:
             drawn |= {_link_factor(arm, k): rng.uniform(*factors.link_mass) for k in range(len(arm.links))}
-    return _scaled(prior, drawn)
+    if factors.piezo is not None:
+        drawn["piezo_factor"] = rng.uniform(*factors.piezo)
+    if factors.thruster is not None:
+        drawn["thruster_factor"] = rng.uniform(*factors.thruster)
+    return _scaled(plant, drawn)
 
 
 def _scaled(prior: Params, drawn: Drawn) -> Params:
-    """Return the plant that drawn factors make of what the controllers believe."""
+    """Return the plant that drawn factors make of one before them."""
     changes: dict[str, Any] = {"panel": _scaled_panel(prior.panel, drawn)}
+    changes["actuators"] = _scaled_actuators(prior.actuators, drawn)
     changes["arms"] = tuple(_scaled_arm(arm, drawn) for arm in prior.arms)
     if prior.object is not None:
         factor = drawn.get("object_factor", 1.0)
@@ -198,6 +213,17 @@ def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
         "axial_cut": min(np.sqrt(1.0 / mass) * panel.axial_cut, LARGEST_CUT),
     }
     return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
+
+
+def _scaled_actuators(actuators: ActuatorSection, drawn: Drawn) -> ActuatorSection:
+    """Return the actuators with drawn authority of the piezos and limits of the thrusters."""
+    force, thrust = drawn.get("piezo_factor", 1.0), drawn.get("thruster_factor", 1.0)
+    piezo = {"force": force * actuators.piezo.force, "moment": force * actuators.piezo.moment}
+    limits = {
+        "thruster_force": thrust * actuators.thruster_force,
+        "thruster_torque": thrust * actuators.thruster_torque,
+    }
+    return actuators.model_copy(update={"piezo": actuators.piezo.model_copy(update=piezo), **limits})
 
 
 def _scaled_arm(arm: Arm, drawn: Drawn) -> Arm:

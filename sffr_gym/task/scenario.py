@@ -22,6 +22,7 @@ EVALUATION_SEED = 1_000_000  # seeds from here up are for evaluation alone: trai
 TASK = "SFFRFlex-v0"  # whose observation, reward and ends an episode has; a part of every hash
 MOST_IMPULSES = 8  # of an episode
 MOST_MODES = 2 * MOST_ELEMENTS  # bending modes that the finest panel has
+MOST_CHANGES = 32  # assignments
 MOST_FAULTS = 100  # of which each episode has one
 MOST_PERIODS = 10**9  # control periods of an episode: an hour of computing
 MOST_EPISODES = 100_000  # of each policy: ten hours of computing at the case study's length
@@ -56,13 +57,19 @@ class PanelMode(Section):
     amplitude: Amplitude = Field(description="transverse tip amplitude [m]")
 
 
-class PlantFactors(Section):
-    """What the plant is, as factors on what the controllers believe."""
+Changes = Annotated[tuple[Text, ...], at_most(MOST_CHANGES, "each is an assignment of one key")]
 
+
+class PlantFactors(Section):
+    """What the plant is beside what the controllers believe: other settings, and factors on what is drawn."""
+
+    settings: Changes = Field(default=(), description="assignments such as panel.elements=8, unknown to controllers")
     object: Factor | None = Field(default=None, description="mass and inertia of the object, one factor for both [-]")
     EI: Factor | None = Field(default=None, description="bending stiffness of the panels [-]")
     panel_mass: Factor | None = Field(default=None, description="mass of the panels [-]")
     link_mass: Factor | None = Field(default=None, description="mass and inertia of each link, drawn for each [-]")
+    piezo: Factor | None = Field(default=None, description="force and moment of the piezos at full voltage [-]")
+    thruster: Factor | None = Field(default=None, description="limits of the thrusters [-]")
 
 
 class Sensors(Section):
@@ -98,8 +105,9 @@ class Scenario(Section):
     ``offset_position`` and ``offset_angle`` are the largest shift of robot and object as one from the path, uniform
     over a disc and an interval. ``panel_modes`` replaces the configured elastic state by free vibration of any phase.
     With a drawn ``speed`` the robot starts as fast as the path. ``random_phase`` starts anywhere on it, and adds the
-    shape that the path's acceleration gives a panel there, so that what is drawn is the motion about it. ``plant`` and
-    ``faults`` change the plant alone: the controllers go on with the parameters of the case study.
+    shape that the path's acceleration gives a panel there, so that what is drawn is the motion about it. ``robot``
+    changes parameters for plant and controllers alike. ``plant`` and ``faults`` change the plant alone: the controllers
+    go on with the parameters that they believe in.
     """
 
     name: Name = Field(description="name of the scenario")
@@ -112,12 +120,27 @@ class Scenario(Section):
     offset_angle: float = Field(default=0.0, ge=0.0, le=1.0, description="largest turn off the path [rad]")
     speed: Speed | None = Field(default=None, description="speed along the path [m/s]")
     random_phase: bool = Field(default=False, description="start anywhere on the circle")
+    robot: Changes = Field(default=(), description="assignments such as path.speed=0.5, known to the controllers")
     plant: PlantFactors = Field(default=PlantFactors(), description="what the controllers are wrong about")
     sensors: Sensors = Field(default=Sensors(), description="errors of the observation")
     faults: Annotated[tuple[Fault, ...], at_most(MOST_FAULTS, "each episode has one")] = Field(
         default=(), description="faults, of which each episode has one"
     )
     impulses: ImpulseDraws | None = Field(default=None, description="impulses on the base")
+
+    def robot_of(self, params: Params) -> Params:
+        """Return parameters with what the scenario changes for all; raises ConfigError."""
+        return self._changed(params, self.robot, "robot")
+
+    def plant_of(self, prior: Params) -> Params:
+        """Return the plant, before anything is drawn, of a robot that is believed; raises ConfigError."""
+        return self._changed(prior, self.plant.settings, "plant.settings")
+
+    def _changed(self, params: Params, changes: tuple[str, ...], key: str) -> Params:
+        try:
+            return params.with_overrides(*changes) if changes else params
+        except ConfigError as error:
+            raise ConfigError(f"scenario {self.name}: {key}: {error}") from None
 
     def ticks(self, params: Params) -> int:
         """Return the length in control periods of an episode with these parameters, the drawn speed among them.
@@ -145,9 +168,14 @@ class Scenario(Section):
         return self.plant != PlantFactors()
 
     @property
-    def changes_plant(self) -> bool:
-        """Whether the plant with its actuators is another one than the controllers believe."""
-        return self.changes_model or bool(self.faults)
+    def draws_model(self) -> bool:
+        """Whether the plant differs from one episode to the next."""
+        return self.plant != PlantFactors(settings=self.plant.settings)
+
+    @property
+    def draws_plant(self) -> bool:
+        """Whether the plant with its actuators differs from one episode to the next."""
+        return self.draws_model or bool(self.faults)
 
     def hash(self, params: Params) -> str:
         """Return the hash of what defines the episodes of a seed: task, scenario (without its wording), parameters."""

@@ -8,10 +8,11 @@ import numpy as np
 
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
+from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators, actuator_shapes, pack_actuators
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.model import Model, Sizes, model_shapes, model_sizes, pack, steps_in
-from sffr_gym.task.episode import Episode
+from sffr_gym.task.episode import Episode, Nominal
 from sffr_gym.task.observation import ObservationIndex, held_joints, observation_fields, observation_index
 from sffr_gym.task.reward import Weights, reward_weights
 from sffr_gym.types import Array, IntArray
@@ -94,19 +95,43 @@ def task_shapes(n):
     )  # fmt: skip
 
 
-def plant_of(prior: TaskModel, episode: Episode) -> TaskModel:
-    """Return the plant of an episode with its faults; ``prior`` itself if that is the plant and all of it works.
+def nominal_plant(prior: TaskModel, known: Nominal) -> TaskModel:
+    """Return a scenario's plant before anything is drawn; ``prior`` itself if that is the plant.
 
-    An action still asks for a part of the limits that the controllers believe in; what a fault takes of them cuts it
-    off.
+    An action asks for a part of the limits that the controllers believe in.
 
     Args:
         prior: the robot that the controllers believe in.
+        known: the same, with the plant.
+
+    Raises:
+        ConfigError: if the plant has other actuators, sensors or control periods than the controllers believe.
+    """
+    if known.plant is known.params:
+        return prior
+    plant = make_task_model(known.plant)._replace(scale=prior.scale)
+    if (plant.at, len(plant.actuators.limit), plant.period) != (prior.at, len(prior.scale), prior.period):
+        raise ConfigError(
+            "plant.settings: the plant must have the actuators, the observed parts and the control period that its "
+            "controllers believe in; change these for both with `robot`"
+        )
+    return plant._replace(bound=prior.bound)
+
+
+def plant_of(plant: TaskModel, known: Nominal, episode: Episode) -> TaskModel:
+    """Return the plant of an episode with its faults; ``plant`` itself if nothing of it was drawn and all of it works.
+
+    What a fault or a drawn limit takes of the limits that the controllers believe in cuts off what an action asks for.
+
+    Args:
+        plant: of the scenario, before anything is drawn, see :func:`nominal_plant`.
+        known: what it was made of.
         episode: as drawn.
     """
-    left = episode.health.left(prior.actuators)
-    if episode.plant is episode.prior and left.min() == 1.0:
-        return prior
-    plant = prior if episode.plant is episode.prior else make_task_model(episode.plant)
-    actuators = plant.actuators._replace(limit=plant.actuators.limit * left)
-    return plant._replace(actuators=actuators, scale=prior.scale)
+    left = episode.health.left(plant.actuators)
+    same = episode.plant is (episode.prior if known.plant is known.params else known.plant)
+    if same and left.min() == 1.0:
+        return plant
+    own = plant if same else make_task_model(episode.plant)
+    actuators = own.actuators._replace(limit=own.actuators.limit * left)
+    return own._replace(actuators=actuators, scale=plant.scale, bound=plant.bound)

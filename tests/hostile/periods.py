@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from sffr_gym.task.scenario import scenario_names
 from sffr_gym.task.status import REASONS
 
 PERIODS = 250_000  # of a trial, about
+SECONDS = 30.0  # of a trial: episodes that end at once are drawn anew by the hundred thousand
 MODES = ("NextStep", "SameStep", "Disabled")
 STYLES = ("uniform", "bang", "constant", "zero", "resonant", "huge", "small", "single")
 SOMETIMES = {"final_obs", "_final_obs", "final_info", "_final_info", "drawn", "_drawn"}  # keys of infos
@@ -125,10 +127,13 @@ class Periods:
         watched = Watched(env, plan["most_steps"])
         actions = driver(plan["style"], params, env.action_space.shape, np.random.default_rng(plan["seed"]))
         watched.reset(plan["seed"])
+        begun = time.monotonic()
         for k in range(max(1, periods // (plan["envs"] * hold))):
             if k == 5:
                 watched.refuses_nan()
             watched.step(actions(k))
+            if time.monotonic() - begun > SECONDS:
+                break
         counts = {f"end: {reason}": count for reason, count in watched.ends.items()}
         return counts | {"periods": watched.steps * hold, "episodes": watched.episodes, plan["scenario"]: 1}
 

@@ -104,7 +104,7 @@ class Recording:
             "plant": self.plant.to_dict(),
             "reference": self.reference._replace(joints=self.reference.joints.tolist())._asdict(),
         }
-        arrays = {name: about.pop(name).astype(np.float32) for name in _ARRAYS}
+        arrays = {name: about.pop(name).astype(np.float64) for name in _ARRAYS}
         file = io.BytesIO()
         np.savez_compressed(file, allow_pickle=False, **{ABOUT: np.array(json.dumps(about))}, **arrays)
         return file.getvalue()

@@ -79,7 +79,8 @@ def plan_evaluation(
     Raises:
         ConfigError: for anything that is not valid.
     """
-    resolved, chosen = resolve_params(params, list(overrides)), load_scenario(scenario)
+    chosen = load_scenario(scenario)
+    resolved = chosen.robot_of(resolve_params(params, list(overrides)))
     runners = make_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     return EvaluationPlan(tuple(runners), scenario, chosen, resolved, asked.episodes, asked.seed)
