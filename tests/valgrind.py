@@ -26,7 +26,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
 rng = np.random.default_rng(0)
-for scenario in "nominal", "mismatch", "noise", "impulse", "degraded":
+for scenario in "nominal", "mismatch", "noise", "impulse", "degraded", "truth", "patches":
     for change in [], ["panel.elements=2"], ["simulation.coupling=staggered", "simulation.max_step=2.5e-4"]:
         batch = SFFRFlexVectorEnv(11, scenario=scenario, overrides=change)
         batch.reset(seed=0)
@@ -37,7 +37,7 @@ damping.reset(seed=0)
 damping.step(rng.uniform(-1, 1, damping.action_space.shape))
 sensors = {"position": 1e-6, "delay": 1.0}
 env = SFFRFlexEnv({"name": "short", "description": "a test's", "duration": 0.02, "sensors": sensors})
-for name in "ahsc", "lqr", "sac":
+for name in "ahsc", "lqr", "lqr-kf", "sac":
     policy = make_policy(name, env)
     true_observations(rollout(env, policy, 0))
     obs, _ = env.reset(seed=0)

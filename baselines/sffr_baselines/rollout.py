@@ -18,7 +18,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import Episode
-from sffr_gym.task.metrics import measure
+from sffr_gym.task.metrics import instability, measure
 from sffr_gym.task.observation import Field
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.score import Result
@@ -112,10 +112,9 @@ def true_observations(trajectory: Trajectory) -> Array:
 
 def result_of(trajectory: Trajectory) -> Result:
     """Measure an episode."""
-    measures = measure(trajectory.signals, trajectory.period, trajectory.failure)
-    return Result(
-        trajectory.scenario, trajectory.policy, trajectory.seed, measures, trajectory.failure, trajectory.drawn
-    )
+    failure = trajectory.failure or instability(trajectory.signals)
+    measures = measure(trajectory.signals, trajectory.period, failure)
+    return Result(trajectory.scenario, trajectory.policy, trajectory.seed, measures, failure, trajectory.drawn)
 
 
 def _check_memory(env: SFFRFlexEnv, ticks: int) -> None:

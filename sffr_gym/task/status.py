@@ -11,7 +11,8 @@ from sffr_gym.physics import arms
 from sffr_gym.task.signals import tip_deflection
 
 # Why an episode ends before its time, a float since lanes hold nothing else; the text of each in REASONS.
-RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE = map(float, range(6))
+# LIMIT_CYCLE is found in a whole episode (``metrics.instability``), and ends none.
+RUNNING, TIP_RANGE, ARM_SINGULAR, GRASP_LOST, OUT_OF_RANGE, NOT_FINITE, LIMIT_CYCLE = map(float, range(7))
 REASONS = {
     RUNNING: "",
     TIP_RANGE: "panel tip beyond the model's range",
@@ -19,6 +20,7 @@ REASONS = {
     GRASP_LOST: "lost grasp",
     OUT_OF_RANGE: "observation out of range",
     NOT_FINITE: "non-finite state",
+    LIMIT_CYCLE: "unstable: saturated actuators keep the panels swinging",
 }
 
 
@@ -31,6 +33,7 @@ class Failure(IntEnum):
     GRASP_LOST = int(GRASP_LOST)
     OUT_OF_RANGE = int(OUT_OF_RANGE)
     NOT_FINITE = int(NOT_FINITE)
+    LIMIT_CYCLE = int(LIMIT_CYCLE)
 
     def __str__(self) -> str:
         """Return the reason, empty for no failure."""

@@ -70,6 +70,8 @@ def summary_remarks(evaluation: Evaluation) -> list[str]:
         reasons = [result.failure for result in results if result.failure]
         for reason in dict.fromkeys(reasons):
             lines.append(f"{policy} failed in {reasons.count(reason)} of {len(results)}: {reason}")
+    if any(result.failure for result in evaluation.results.get(evaluation.reference, ())):
+        lines.append(f"{evaluation.reference} itself failed, so that ratios to it say little")
     means = evaluation.summary()["policies"]
     for policy, values in means.items():
         busy = {group: values[f"{group}_saturation"] for group in ("piezo", "thruster", "joint")}
