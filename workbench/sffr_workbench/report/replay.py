@@ -48,8 +48,8 @@ def robot_data(recording: Recording) -> dict[str, Any]:
         "side": params.base.side,
         "arms": [
             {
-                "name": arm.name, "mount": mount.tolist(), "links": model.link_length[start:stop].tolist(),
-                "first": int(start), "grasps": bool(i in model.grasp_arm),
+                "name": arm.name, "mount": [*mount.tolist(), arm.mount_angle], "first": int(start),
+                "links": model.link_length[start:stop].tolist(), "grasps": bool(i in model.grasp_arm),
             }
             for i, (arm, mount, (start, stop)) in enumerate(zip(params.arms, model.arm_mount, bounds, strict=True))
         ],
