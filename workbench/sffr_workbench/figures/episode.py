@@ -22,6 +22,7 @@ from sffr_workbench.evaluation import FIGURE_FILES, actuator_limits
 from sffr_workbench.figures.robot import path_figure
 from sffr_workbench.figures.style import (
     SHORT,
+    align_labels,
     canvas,
     draw_figures,
     legend_columns,
@@ -226,7 +227,7 @@ def _finish(data: FigureData, figure: Figure, axes: Any) -> Figure:
         lowest = [each for each in column if each.axison][-1]
         lowest.set_xlabel("time [s]")
         lowest.tick_params(labelbottom=True)
-    figure.align_ylabels()
+    align_labels(figure)
     shown = {line.get_label(): line for line in axes[0, 0].get_lines()}
     columns = legend_columns(list(shown))
     figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=columns)

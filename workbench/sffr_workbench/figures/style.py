@@ -120,9 +120,12 @@ def legend_columns(labels: Sequence[str]) -> int:
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as the content of a PNG file."""
+    """Return a figure as the content of a PNG file; ``savefig`` would draw it twice, once for the layout alone."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=DPI)
+    figure.set_dpi(DPI)
+    FigureCanvasAgg(figure).print_png(picture)
     return picture.getvalue()
 
 
@@ -138,8 +141,13 @@ def legend(figure: Figure, axes: Axes, **options: Any) -> Figure:
     """Put one legend above everything, of the lines in ``axes``."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels), **options)
-    figure.align_ylabels()
+    align_labels(figure)
     return figure
+
+
+def align_labels(figure: Figure) -> None:
+    """Align the labels at the left; of axes without one alone, which matplotlib would measure again and again."""
+    figure.align_ylabels([axes for axes in figure.axes if axes.get_ylabel()])
 
 
 def title_with_limit(axes: Axes, name: str, limit: float, unit: str) -> None:
