@@ -34,7 +34,7 @@ from sffr_workbench.cli.benchmark import print_scores
 from sffr_workbench.evaluation import PLAN_FILE, evaluate, read_episodes
 
 SEED = 1_000_000
-BASELINES = ("none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr")
+BASELINES = ("none", "hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "lqr", "ahsc-ff", "lqr-ff", "lqr-kf")
 ROOT = Path(__file__).parents[1]
 SWINGING = "name: swinging\ndescription: Swings.\nduration: {}\npanel_modes: [{{mode: 1, amplitude: [0.05, 0.25]}}]\n"
 QUIET = "name: quiet\ndescription: Nothing is drawn.\nduration: 0.4\n"

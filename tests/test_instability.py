@@ -27,13 +27,18 @@ def signals(busy, energy, group=SAT_PIEZO):
     ("busy", "energy", "unstable"), [(0.26, 0.06, True), (0.24, 0.9, False), (1.0, 0.04, False), (0.0, 1.0, False)]
 )
 def test_both_saturation_and_swinging_are_needed(group, busy, energy, unstable):
-    assert instability(signals(busy, energy, group)) == (REASONS[LIMIT_CYCLE] if unstable else "")
+    assert instability(signals(busy, energy, group), 0.1) == (REASONS[LIMIT_CYCLE] if unstable else "")
 
 
 def test_what_happened_earlier_does_not_count():
     made = signals(0.0, 0.001)
     made[:700, SAT_PIEZO] = 1.0
-    assert instability(made) == ""
+    assert instability(made, 0.1) == ""
+
+
+def test_a_short_episode_cannot_tell():
+    made = signals(1.0, 1.0)
+    assert instability(made, 0.0079) == "" != instability(made, 0.0081)
 
 
 @pytest.mark.filterwarnings("ignore:.*is unstable")

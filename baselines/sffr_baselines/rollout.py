@@ -112,7 +112,7 @@ def true_observations(trajectory: Trajectory) -> Array:
 
 def result_of(trajectory: Trajectory) -> Result:
     """Measure an episode."""
-    failure = trajectory.failure or instability(trajectory.signals)
+    failure = trajectory.failure or instability(trajectory.signals, trajectory.period)
     measures = measure(trajectory.signals, trajectory.period, failure)
     return Result(trajectory.scenario, trajectory.policy, trajectory.seed, measures, failure, trajectory.drawn)
 

@@ -23,6 +23,7 @@ from sffr_gym.types import Array
 
 SETTLED = 0.05  # of the largest vibration energy
 LAST = 0.25  # of an episode, in which it shows whether it is stable
+LEAST = 2.0  # s of it, in which a swing would fade or not
 BUSY = 0.25  # of a group's channels, on average over that time, that are at their limits
 
 # Each measure with its unit, in the order of tables.
@@ -70,22 +71,23 @@ def measure(signals: Array, period: float, failure: str = "") -> dict[str, float
     return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
 
 
-def instability(signals: Array) -> str:
+def instability(signals: Array, period: float) -> str:
     """Return why an episode was unstable although no state left the model's range; empty if it was not.
 
     A sampled loop that feeds the panels' vibration makes it grow until actuators give no more, and then holds it there:
     in the last quarter of the episode more than a quarter of a group's channels are at their limits, on average (one of
     three of each panel is enough to do it), and the panels still swing with more than 5 % of their largest energy.
     Where actuators saturate because they are weak the energy falls nevertheless; where panels swing on because nothing
-    damps them, none saturates.
+    damps them, none saturates. An episode of less than 8 s is too short to tell.
 
     Args:
         signals: (n_ticks, N_SIGNALS) of the whole episode.
+        period: control period [s].
     """
     last = signals[-max(int(LAST * len(signals)), 1) :]
     saturated = last[:, [SAT_PIEZO, SAT_THRUST, SAT_JOINT]].mean(axis=0).max()
     swinging = last[:, VIBRATION].mean() > SETTLED * signals[:, VIBRATION].max()
-    return REASONS[LIMIT_CYCLE] if saturated > BUSY and swinging else ""
+    return REASONS[LIMIT_CYCLE] if saturated > BUSY and swinging and len(last) * period >= LEAST else ""
 
 
 def settling_time(energy: Array, period: float) -> float:
