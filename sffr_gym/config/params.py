@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 from pydantic_core import InitErrorDetails
 
+from sffr_gym.config.field_errors import error_at, raise_errors
 from sffr_gym.config.files import short_hash
 from sffr_gym.config.ranges import at_most
 from sffr_gym.config.sections import (
@@ -28,8 +29,6 @@ from sffr_gym.config.sections import (
     Section,
     Simulation,
     Suppression,
-    error_at,
-    raise_errors,
     tip_form,
 )
 from sffr_gym.config.strict_yaml import (

@@ -14,12 +14,11 @@ from pydantic import (
     Field,
     Tag,
     TypeAdapter,
-    ValidationError,
     field_validator,
     model_validator,
 )
-from pydantic_core import InitErrorDetails
 
+from sffr_gym.config.field_errors import error_at, raise_errors
 from sffr_gym.config.ranges import (
     Angle,
     AngleBound,
@@ -72,17 +71,6 @@ Spans = Annotated[
 Damping3 = tuple[Damping, Damping, Damping]
 Tip = tuple[Place, Place, Slope]
 TipRate = tuple[Velocity, Velocity, Rate]
-
-
-def error_at(key: tuple[str | int, ...], value: Any, reason: str) -> InitErrorDetails:
-    """Return an error that pydantic reports at a key below the model that is being checked."""
-    return InitErrorDetails(type=check_error(reason), loc=key, input=value)
-
-
-def raise_errors(errors: list[InitErrorDetails]) -> None:
-    """Raise the errors together, if there are any."""
-    if errors:
-        raise ValidationError.from_exception_data("Params", errors)
 
 
 def tip_form(value: Any) -> str:

@@ -14,10 +14,11 @@ from typing import Any, Self
 from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
 
 from sffr_gym import ConfigError
+from sffr_gym.config.field_errors import error_at, raise_errors
 from sffr_gym.config.provenance import MANIFEST
 from sffr_gym.config.reading import read_csv, read_json
 from sffr_gym.config.run_folder import RunFolder
-from sffr_gym.config.sections import Section, error_at, raise_errors
+from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import ModelT, build, check_error
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import Result
