@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from sffr_agents.config import TrainConfig, build_section, load_config
 from sffr_gym.config.sections import Section
-from sffr_gym.config.strict_yaml import CHECK, find_config, read_mapping
+from sffr_gym.config.strict_yaml import CHECK, ConfigError, find_config, read_mapping
 
 Value = bool | int | float | str
 
@@ -70,8 +70,13 @@ def load_tune(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Tu
     Raises:
         ConfigError: for a file, a key or a value that is not valid, of the search or of the trainings within it.
     """
-    read = build_section(TuneConfig, *read_mapping(find_config(name, folder="tune")), overrides)
-    for dimension in read.space:
-        for value in dimension.ends:
-            read.training({dimension.key: value})
+    file = find_config(name, folder="tune")
+    read = build_section(TuneConfig, *read_mapping(file), overrides)
+    trials = [{dimension.key: value} for dimension in read.space for value in dimension.ends]
+    for values in ({}, *trials):
+        try:
+            read.training(values)
+        except ConfigError as error:
+            place = f"{file}: {'space' if values else 'train or set'}"
+            raise ConfigError("\n".join(f"{place}: {line}" for line in str(error).splitlines())) from None
     return read
