@@ -1,23 +1,33 @@
 """Scenarios that change the robot: for plant and controllers alike, or the plant alone."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
+from command_line import sffr
 from stepping import actions_of, assert_same, rollout
 
+from sffr_agents.config import VALIDATION_SEED, Validation
+from sffr_agents.validation import Validator
+from sffr_baselines import make_policy
+from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
+from sffr_baselines.rollout import result_of
+from sffr_baselines.rollout import rollout as rollout_of
+from sffr_gym.config.params import load_params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.scenario import load_scenario
 from sffr_workbench.evaluation import evaluate
+from sffr_workbench.figures.animation import MovieOptions, animate
 
 TWO = {"settings": ["panel.elements=2", "panel.foreshortening=true"]}
 
 
 def test_robot_is_known_to_all():
-    """Parameters, actions and plant are those of the assignments, whatever parameters came with the call."""
-    env = SFFRFlexEnv("patches", overrides=["actuators.piezo.array=tip", "panel.EI=25"])
+    """Parameters, actions and plant are those of the assignments, beside what came with the call."""
+    env = SFFRFlexEnv("patches", overrides=["actuators.piezo.array=patches", "panel.EI=25"])
     env.reset(seed=0)
     assert env.params.actuators.piezo.array == env.plant.actuators.piezo.array == "patches"
     assert env.params.panel.EI == env.plant.panel.EI == 25.0
@@ -106,3 +116,64 @@ def test_laws_and_learned_policies_run_with_another_robot(user_scenario, name):
     evaluation = evaluate(["ahsc", "lqr-kf", "sac"], user_scenario(name, **keys | {"duration": 0.2}), episodes=1)
     assert all(not result.failure for results in evaluation.results.values() for result in results)
     assert ("ahsc-oracle" in evaluation.results) == (name != "patches")
+
+
+CONFLICT = "actuators.piezo.force=1"
+
+
+@pytest.mark.parametrize("make", [SFFRFlexEnv, partial(SFFRFlexVectorEnv, 2), SFFRFlexDampingEnv])
+def test_an_override_that_the_scenario_would_undo_is_refused(make):
+    """Nobody's assignment is dropped in silence; one that agrees, or is of something else, is taken."""
+    with pytest.raises(ConfigError, match=r"override 'actuators\.piezo\.force=1': scenario weak sets it otherwise"):
+        make(scenario="weak", overrides=["panel.EI=25", CONFLICT])
+    agreeing = make(scenario="weak", overrides=["actuators.piezo.force=0.04", "actuators.piezo.voltage=100"])
+    assert agreeing.params.actuators.piezo.voltage == 100.0
+
+
+@pytest.mark.parametrize("command", ["evaluate", "benchmark", "animate", "tune-hsc"])
+def test_commands_refuse_it_too(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    policies = [] if command == "tune-hsc" else ["ahsc"]
+    result = sffr(command, *policies, "--scenario", "weak", "--set", CONFLICT, "--out", tmp_path / "out.gif")
+    assert result.exit_code == 2 and "scenario weak sets it otherwise" in " ".join(result.output.split())
+
+
+def test_every_policy_believes_in_the_scenarios_robot(user_scenario, tmp_path):
+    """Whoever makes it: the environment's own policy, evaluation, animation and a training's comparison agree."""
+    keys = load_scenario("weak").model_dump(mode="json", exclude={"name", "description"})
+    file = user_scenario("feeble", **keys | {"duration": 0.6})
+    env = SFFRFlexEnv(file)
+    seed = 7
+    expected = rollout_of(env, make_policy("ahsc", env), seed)
+    assert np.abs(expected.applied[:, :6]).max() > 10.0  # volts, not the hundredths that strong piezos would need
+    (shown,) = animate(["ahsc"], tmp_path / "a.gif", file, seed, options=MovieOptions(size=200, speed=1.0, fps=5))
+    np.testing.assert_array_equal(shown.applied, expected.applied)
+    evaluated = evaluate(["ahsc"], file, episodes=1, seed=seed).first["ahsc"]
+    np.testing.assert_array_equal(evaluated.applied, expected.applied)
+    validator = Validator(Validation(scenarios=(file,), episodes=1), load_params())
+    own = result_of(rollout_of(env, make_policy("ahsc", env), VALIDATION_SEED)).measures
+    assert validator._reference["feeble"][0].measures == own
+
+
+@pytest.mark.parametrize("scenario", ["noise", "truth", {"name": "stiff", "description": "", "plant": {
+    "settings": ["panel.foreshortening=true", "panel.elements=3"], "EI": [0.8, 1.2]}}])  # fmt: skip
+def test_laws_with_every_option_run_in_lanes_as_alone(scenario):
+    """Feed-forward, integral, delay and filter, on plants that keep their length and may differ, bit for bit."""
+    levels = dict.fromkeys(("position", "angle", "velocity", "rate", "acceleration", "angular_acceleration"), 0.01)
+    observer = str(levels).replace("'", "")
+    changes = ["control.Ki=600", "control.feedforward=true", "control.delay_compensation=true"]
+    changes.append(f"control.observer={observer}")
+    batch = SFFRFlexDampingVectorEnv(11, scenario=scenario, overrides=changes, duration=2.0)
+    first, _ = batch.reset(seed=40)
+    actions = actions_of(batch, 4)
+    together = [first] + [batch.step(each)[0] for each in actions]
+    lates = set()
+    for i in range(11):
+        env = SFFRFlexDampingEnv(scenario, overrides=changes, duration=2.0)
+        alone = [env.reset(seed=40 + i)[0]] + [env.step(each[i])[0] for each in actions]
+        np.testing.assert_array_equal(alone, [each[i] for each in together])
+        for name, array in env._damping.law._asdict().items():
+            np.testing.assert_array_equal(getattr(batch._damping.law, name)[i], array[0])
+        lates.add(float(env._damping.law.late[0, 0]))
+        assert env._damping.law.integral.any()
+    assert lates == ({0.0, 1.0} if scenario == "noise" else {0.0})

@@ -6,8 +6,8 @@ import numpy as np
 
 from sffr_agents.config import VALIDATION_SEED, Validation
 from sffr_baselines import make_policy
-from sffr_baselines.laws import LawPolicy
 from sffr_baselines.learned import LearnedSchedule
+from sffr_baselines.policies import Policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym.config.params import Params
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -27,7 +27,6 @@ class Validator:
     """
 
     def __init__(self, settings: Validation, params: Params) -> None:
-        self._params = params
         self._envs: dict[str, SFFRFlexEnv] = {}
         self._seeds: dict[str, list[int]] = {}
         for scenario in suite(settings):
@@ -36,9 +35,7 @@ class Validator:
             count = settings.episodes if env.episode.drawn else 1
             self._envs[scenario.name] = env
             self._seeds[scenario.name] = [VALIDATION_SEED + i for i in range(count)]
-        policy = make_policy(REFERENCE, params)
-        assert isinstance(policy, LawPolicy)
-        self._reference = {name: self._run(name, policy) for name in self._envs}
+        self._reference = {name: self._run(name, make_policy(REFERENCE, env)) for name, env in self._envs.items()}
 
     def __call__(self, schedule: LearnedSchedule) -> dict[str, float]:
         """Return ratios to AHSC and cost of every scenario and, as ``cost``, the mean of the costs."""
@@ -57,10 +54,12 @@ class Validator:
 
     def _results(self, schedule: LearnedSchedule) -> dict[str, Results]:
         """Return the episodes of AHSC and of the schedule in each scenario."""
-        policy = schedule.policy(self._params, LEARNED)
-        return {name: {REFERENCE: self._reference[name], LEARNED: self._run(name, policy)} for name in self._envs}
+        return {
+            name: {REFERENCE: self._reference[name], LEARNED: self._run(name, schedule.policy(env.params, LEARNED))}
+            for name, env in self._envs.items()
+        }
 
-    def _run(self, name: str, policy: LawPolicy) -> list[Result]:
+    def _run(self, name: str, policy: Policy) -> list[Result]:
         return [result_of(rollout(self._envs[name], policy, seed)) for seed in self._seeds[name]]
 
 

@@ -44,6 +44,15 @@ def resolve_params(params: ParamsLike, overrides: Sequence[str] = ()) -> Params:
     return params.with_overrides(*overrides)
 
 
+def resolve_robot(scenario: Scenario, params: ParamsLike, overrides: Sequence[str] = ()) -> Params:
+    """Return parameters as in :func:`resolve_params`, with what a scenario changes for plant and controllers alike.
+
+    Raises:
+        ConfigError: as there, and for an override of what the scenario sets otherwise.
+    """
+    return scenario.robot_of(resolve_params(params, overrides), overrides)
+
+
 def resolve_scenario(scenario: ScenarioLike) -> Scenario:
     """Return a scenario from an object, which is checked again, a mapping of its keys, a file or a shipped one's name.
 

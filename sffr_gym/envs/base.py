@@ -13,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.template import contiguous
-from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, plain, resolve_params, resolve_scenario
+from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, plain, resolve_robot, resolve_scenario
 from sffr_gym.envs.batch import Stepper
 from sffr_gym.envs.starts import check_starts
 from sffr_gym.envs.state import check_form
@@ -139,7 +139,7 @@ class RobotEnvironment:
     def _settle(self, scenario: ScenarioLike, params: ParamsLike, overrides: Sequence[str]) -> None:
         """Take robot, plant and scenario for good; raises ConfigError."""
         resolved = resolve_scenario(scenario)
-        self.params = resolved.robot_of(resolve_params(params, overrides))
+        self.params = resolve_robot(resolved, params, overrides)
         self.prior_task = make_task_model(self.params)
         self._nominal = nominal(self.params, resolved)
         self.fields = self._nominal.fields

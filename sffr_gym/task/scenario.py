@@ -6,7 +6,7 @@ Every key stands for one drawn quantity or a group of them, in SI units; what a 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import ceil
 from typing import Annotated, Any, Literal
 
@@ -128,9 +128,24 @@ class Scenario(Section):
     )
     impulses: ImpulseDraws | None = Field(default=None, description="impulses on the base")
 
-    def robot_of(self, params: Params) -> Params:
-        """Return parameters with what the scenario changes for all; raises ConfigError."""
-        return self._changed(params, self.robot, "robot")
+    def robot_of(self, params: Params, overrides: Sequence[str] = ()) -> Params:
+        """Return parameters with what the scenario changes for all.
+
+        Args:
+            params: otherwise.
+            overrides: assignments that were asked for and are among them.
+
+        Raises:
+            ConfigError: for an assignment that is not valid, or that undoes one of the overrides.
+        """
+        changed = self._changed(params, self.robot, "robot")
+        for override in overrides if changed != params else ():
+            if changed.with_overrides(override) != changed:
+                raise ConfigError(
+                    f"override {override!r}: scenario {self.name} sets it otherwise ({', '.join(self.robot)}); leave "
+                    "it out, or write a scenario of your own"
+                )
+        return changed
 
     def plant_of(self, prior: Params) -> Params:
         """Return the plant, before anything is drawn, of a robot that is believed; raises ConfigError."""

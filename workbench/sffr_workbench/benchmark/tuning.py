@@ -66,16 +66,17 @@ def tune_hsc(
         raise ConfigError(
             f"seeds {seed} to {seed + episodes - 1}: training takes those from 0 to {EVALUATION_SEED - 1}"
         )
-    start = np.array(params.suppression.B0[1:])
-    if not start.all():
-        raise ConfigError(f"suppression.B0 = {list(params.suppression.B0)}: q5 and q6 must be positive to start from")
     env = SFFRFlexEnv(scenario=scenario, params=params)
-    reference = _episodes(env, REFERENCE, params, seed, episodes)
+    prior = env.params
+    start = np.array(prior.suppression.B0[1:])
+    if not start.all():
+        raise ConfigError(f"suppression.B0 = {list(prior.suppression.B0)}: q5 and q6 must be positive to start from")
+    reference = _episodes(env, REFERENCE, prior, seed, episodes)
 
     def cost(logarithms: Array) -> float:
         q5, q6 = (float(value) for value in 10.0**logarithms)
         damping = TunedDamping(q5=q5, q6=q6, cost=0.0, hsc_cost=0.0, command="", date="")
-        own = _episodes(env, "hsc", damping.applied_to(params), seed, episodes)
+        own = _episodes(env, "hsc", damping.applied_to(prior), seed, episodes)
         value = costs({REFERENCE: reference, "hsc": own})["hsc"]
         on_pair(q5, q6, value)
         return value

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import check_target
-from sffr_gym.envs.arguments import resolve_params
-from sffr_gym.task.scenario import EVALUATION_SEED, scenario_names
+from sffr_gym.envs.arguments import resolve_params, resolve_robot
+from sffr_gym.task.scenario import EVALUATION_SEED, load_scenario, scenario_names
 from sffr_gym.task.score import WEIGHTS
 from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite
 from sffr_workbench.benchmark.page import RESULTS_FILE
@@ -86,6 +86,8 @@ def benchmark_command(
         tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
         resolve_params(params, overrides or []),
     )  # fmt: skip
+    for each in map(load_scenario, plan.scenarios):
+        each.robot_of(plan.params, overrides or [])  # or refuse, before anything runs
     again = "the same command without --overwrite" if overwrite else "the same command"
     advice = f"what was finished is kept in {out}, and {again} goes on"
     with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
@@ -132,7 +134,7 @@ def tune_hsc_command(
         check_target(out, overwrite)
     with interruptible(notes, "nothing was written"):
         found = tune_hsc(
-            resolve_params(params, overrides or []), scenario, episodes, seed, evaluations,
+            resolve_robot(load_scenario(scenario), params, overrides or []), scenario, episodes, seed, evaluations,
             lambda q5, q6, cost: notes.print(
                 f"q5 {format_number(q5)} N s/m, q6 {format_number(q6)} N m s/rad: cost {cost:.5f}"
             ),

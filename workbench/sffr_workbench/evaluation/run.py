@@ -16,7 +16,7 @@ from sffr_baselines.policies import Policy, check_titles, make_policy
 from sffr_baselines.rollout import Trajectory, result_of, rollout
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
-from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.arguments import ParamsLike, resolve_robot
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario, load_scenario
@@ -80,7 +80,7 @@ def plan_evaluation(
         ConfigError: for anything that is not valid.
     """
     chosen = load_scenario(scenario)
-    resolved = chosen.robot_of(resolve_params(params, list(overrides)))
+    resolved = resolve_robot(chosen, params, list(overrides))
     runners = make_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     return EvaluationPlan(tuple(runners), scenario, chosen, resolved, asked.episodes, asked.seed)

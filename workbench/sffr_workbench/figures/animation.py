@@ -18,7 +18,7 @@ from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import check_target, write_whole
-from sffr_gym.envs.arguments import ParamsLike, resolve_params
+from sffr_gym.envs.arguments import ParamsLike
 from sffr_gym.envs.pictures import require_pillow
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import tip_deflections
@@ -134,13 +134,13 @@ def animate(
         ConfigError: for anything that is not valid; nothing has run then.
     """
     options.check(out, overwrite)
-    resolved = resolve_params(params, list(overrides))
-    runners = make_policies(policies, resolved)
+    env = SFFRFlexEnv(scenario, params, overrides)
+    runners = make_policies(policies, env.params)
     if len(runners) > MAX_POLICIES:
         raise ConfigError(f"{len(runners)} policies: at most {MAX_POLICIES} fit side by side")
     seed = check_arguments(EpisodeRange, seed=seed).seed
     progress(runners[0].name, 0, 0)
-    env, trajectories = SFFRFlexEnv(scenario, resolved), []
+    trajectories = []
     env.reset(seed=seed)
     options.check_count(out, env.ticks * env.params.control.period, len(runners))
     width = len(runners) * (options.size + GAP) - GAP
