@@ -1,7 +1,7 @@
-"""An active optimum for the panels: linear-quadratic feedback about the quasi-static shape, sampled as the loop is.
+"""Active feedback of the panels: a linear-quadratic regulator about the quasi-static shape, sampled as the loop is.
 
 Not in the paper. Where virtual damping can only take energy out of a panel, this law pushes and pulls its tip as a
-linear-quadratic regulator of the clamped, one-element panel would, and tells what active control can gain at most.
+linear-quadratic regulator of the clamped, one-element panel would. It knows no limit of the volts but in their price.
 """
 
 from __future__ import annotations
