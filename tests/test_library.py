@@ -335,16 +335,15 @@ app(["evaluate", "ahsc", "--scenario", {scenario!r}, "--no-figures", "--out", {o
 @pytest.mark.parametrize("code", [STEP, EVALUATE], ids=["step", "evaluate"])
 def test_no_compiler_is_imported(code, tmp_path, user_scenario):
     code = NO_COMPILER.format(code.format(scenario=user_scenario(duration=0.1), out=str(tmp_path / "run")))
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | {"MPLBACKEND": "agg"}
-    )
+    env = os.environ | {"MPLBACKEND": "agg"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "[]"
     assert (tmp_path / "run").is_dir() == ("evaluate" in code)
 
 
 def test_the_library_depends_on_all_that_goes_into_it():
-    """Kernels, constants that their modules import, and named tuples, whose fields have their places by their order."""
+    """Kernels, constants that their modules import, and named tuples, whose fields are placed by their order."""
     modules = set(library.current_manifest(library.FOLDER)["modules"])
     kernels = {function.__module__ for function in KERNELS if function.__module__.startswith(("sffr_gym", "sffr_b"))}
     assert kernels <= modules

@@ -97,7 +97,7 @@ class Commanded:
     @staticmethod
     def _applied(observer, state, p, v, tick):
         command = make_policy("none", observer.params)(observer(p, v, tick)) * observer.robot.scale
-        volts = 3 * observer.params.n_panels
+        volts = observer.robot.actuators.at.thrust
         assert not command[:volts].any()
         return np.concatenate([rotation(state.q[2]) @ command[volts : volts + 2], command[volts + 2 :]])
 

@@ -5,7 +5,7 @@ import pytest
 
 from sffr_baselines.control_law import make_states, state_at
 from sffr_baselines.laws import LawPolicy, make_law
-from sffr_baselines.observer import estimate, make_observer, tracked_errors
+from sffr_baselines.observer import ANGLE, estimate, integrate, make_observer, tracked_errors
 from sffr_baselines.rollout import STRIDE, result_of, rollout, true_observations
 from sffr_gym.config.params import load_params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -158,10 +158,11 @@ def test_the_prediction_is_the_error_law_of_a_period(late):
     np.testing.assert_allclose(seen[law.observer.rate], ed + T * edd, rtol=1e-12)
 
 
-def test_a_late_observation_is_brought_up_to_date(user_scenario):
+@pytest.mark.parametrize("overrides", [[], TANGENT], ids=["fixed heading", "tangent heading"])
+def test_a_late_observation_is_brought_up_to_date(user_scenario, overrides):
     """What a compensating law sees is what sensors without lag would show, joints and panels included."""
     scenario = {"duration": 1.0, "offset_position": 0.02, "panel_modes": [{"mode": 1, "amplitude": [0.1, 0.1]}]}
-    env = SFFRFlexEnv(user_scenario(**scenario, sensors={"delay": 1.0}))
+    env = SFFRFlexEnv(user_scenario(**scenario, sensors={"delay": 1.0}), overrides=overrides)
     policy = law("ahsc", env, "control.delay_compensation=true")
     true, own = true_observations(rollout(env, policy, 2)), policy.law
     state, seen, gaps = state_at(make_states(own, 1), 0), np.zeros_like(true[0]), []
@@ -176,3 +177,36 @@ def test_a_late_observation_is_brought_up_to_date(user_scenario):
     for name, least in {"base_error": 20, "tip_error": 20, "object_error": 20, "joint_angle": 5, "elastic": 5}.items():
         places = env.fields[name].slice
         assert corrected[places].max() < late[places].max() / least
+
+
+def test_a_late_measurement_is_an_error_of_a_period_ago():
+    """Taken back by the reference's motion since, and moved on by the error law, to second order of the period."""
+    policy = LawPolicy("ahsc-ff", make_law("ahsc-ff", load_params()))
+    own, rng = policy.law, np.random.default_rng(1)
+    state, tracked, T = state_at(make_states(own, 1), 0), own.observer, own.observer.period
+    obs = rng.normal(size=own.at.reference_acceleration + 2)
+    state.errors[:], state.age[0], state.late[0] = rng.normal(size=state.errors.shape), 5.0, 1.0
+    e, ed, seen = state.errors[:, 0].copy(), state.errors[:, 1].copy(), np.zeros_like(obs)
+    estimate(own.observer, own.gains, own.at, obs, state, seen)
+    point = tracked.axis != ANGLE
+    axis = np.where(point, tracked.axis, 0)
+    speed = np.where(point, obs[own.at.reference_velocity + axis], 0.0) + obs[own.at.reference_turn] * tracked.lever
+    acceleration = np.where(point, obs[own.at.reference_acceleration + axis], 0.0)
+    y = obs[tracked.error] - T * speed + 0.5 * T**2 * acceleration
+    yd = obs[tracked.rate] - T * acceleration
+    edd = -(own.gains.Kp * e + own.gains.Kd * ed)
+    np.testing.assert_allclose(seen[tracked.error], y + T * yd + 0.5 * T**2 * edd, rtol=1e-12)
+    np.testing.assert_allclose(seen[tracked.rate], yd + T * edd, rtol=1e-12)
+
+
+@pytest.mark.parametrize("saturated", [False, True])
+def test_integrals_are_those_of_the_errors(saturated):
+    own = make_law("ahsc-ff", load_params())
+    state, seen = (
+        state_at(make_states(own, 1), 0),
+        np.random.default_rng(2).normal(size=own.at.reference_acceleration + 2),
+    )
+    integrate(own.observer, seen, saturated, state)
+    integrate(own.observer, seen, saturated, state)
+    expected = 0.0 if saturated else 2.0 * own.observer.period * seen[own.observer.error]
+    np.testing.assert_allclose(state.integral, expected, rtol=1e-14)

@@ -15,6 +15,8 @@ from sffr_gym.physics.simulator import Simulator
 
 ON = "control.feedforward=true"
 RIGID_AXIS = "panel.axial_cut=1.0e-3"  # no axial mode is left, as the law supposes
+SLANTED = "panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]"
+ROBOTS = ROBOTS | {"one slanted panel": lambda: ROBOTS["paper"]().with_overrides(SLANTED)}
 WIDE = ["actuators.thruster_force=1.0e+6", "actuators.thruster_torque=1.0e+6", "actuators.joint_torque=1.0e+6"]
 
 
@@ -45,7 +47,7 @@ def command_of(law, observer, p, v):
 
 @pytest.mark.parametrize("law", ["none", "ahsc", "lqr"])
 @pytest.mark.parametrize("array", ["generalized", "patches"])
-@pytest.mark.parametrize("name", ["paper", "yawed, tangent", "no object"])
+@pytest.mark.parametrize("name", ["paper", "yawed, tangent", "no object", "one slanted panel"])
 def test_the_whole_robot_gets_the_commanded_acceleration(name, array, law):
     """Whatever the panels do, base and object of the simulator move as Eqs. 9 and 12 ask for."""
     params = ROBOTS[name]().with_overrides(RIGID_AXIS, f"actuators.piezo.array={array}", *WIDE)

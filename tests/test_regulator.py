@@ -33,11 +33,11 @@ def panel():
     return M, K, A, G
 
 
-def cost(gain, starts):
+def cost(gain, starts, effort):
     """Energy and priced volts of a clamped panel over 60 s under volts (2, 4) on q5 and q6, from starts (4, n)."""
     M, K, A, G = panel()
     G = G * 47.5 / 200.0
-    Q, R = block_diag(K, M) / 2.0, EFFORT * np.eye(2)
+    Q, R = block_diag(K, M) / 2.0, effort * np.eye(2)
     x, total = starts, 0.0
     for _ in range(30_000):
         u = -gain @ x
@@ -97,16 +97,17 @@ def test_sampled_panel_is_scipys():
         np.testing.assert_allclose(found, known, rtol=1e-10, atol=1e-12)
 
 
-def test_no_other_gain_costs_less():
+@pytest.mark.parametrize("effort", [EFFORT, 1.0e-6])  # a price at which volts count, and one at which they do not
+def test_no_other_gain_costs_less(effort):
     """The cost rises whichever entry of the gain moves, and either way."""
-    best = optimal_gain(PARAMS, K_PZ, EFFORT)[1:]
+    best = optimal_gain(PARAMS, K_PZ, effort)[1:]
     starts = np.diag([0.1, 0.03, 0.1, 0.05])
-    least = cost(best, starts)
+    least = cost(best, starts, effort)
     for entry in np.ndindex(best.shape):
         for step in -0.02, 0.02:
             other = best.copy()
             other[entry] += step * np.abs(best).max()
-            assert cost(other, starts) > least
+            assert cost(other, starts, effort) > least
 
 
 def test_a_channel_that_does_not_bend_is_left_alone():
@@ -128,15 +129,28 @@ def test_patches_share_the_work_by_what_they_do():
 
 def test_the_worth_of_effort_is_that_of_the_score():
     """Of a free swing under AHSC's start, simulated: energy over effort, times their weights."""
+    assert worth_of_effort(PARAMS, K_PZ, swing=0.1) == pytest.approx(swing_worth(np.diag([1.5, 5.0])), rel=1e-6)
+
+
+def test_a_law_without_damping_counts_as_critical():
+    """There the worth is that of critical damping of the first mode."""
+    M, K, _, _ = panel()
+    omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min())
+    none = PARAMS.with_overrides("suppression.B0=[0, 0, 0]")
+    assert worth_of_effort(none, K_PZ, swing=1.0e-3) == pytest.approx(swing_worth(2.0 * omega * M), rel=1e-6)
+
+
+def swing_worth(B):
+    """Energy over squared volts of a first-mode swing under a virtual damping (2, 2), as the score weighs them."""
     M, K, A, G = panel()
-    volts = np.hstack([np.zeros((2, 2)), np.diag([1.5, 5.0])]) * 200.0 / 47.5
+    volts = np.hstack([np.zeros((2, 2)), B]) * 200.0 / 47.5
     squares, shapes = np.linalg.eig(np.linalg.solve(M, K))
     x, energy, effort = np.append(shapes[:, squares.argmin()], [0.0, 0.0]), 0.0, 0.0
     for _ in range(30_000):
         energy += 0.5 * x @ block_diag(K, M) @ x
         effort += np.sum((volts @ x) ** 2)
         x = A @ x - G @ (47.5 / 200.0 * (volts @ x))
-    assert worth_of_effort(PARAMS, K_PZ, swing=0.1) == pytest.approx(0.05 / 0.60 * energy / effort, rel=1e-6)
+    return 0.05 / 0.60 * energy / effort
 
 
 def test_the_worth_of_effort_goes_with_authority():
@@ -243,3 +257,17 @@ def test_lqr_vibrates_far_less_than_ahsc():
     assert not means["lqr"]["failed"]
     assert means["lqr"]["vibration"] < 0.7 * means["ahsc"]["vibration"]
     assert means["lqr"]["track_rmse"] < 1.1 * means["ahsc"]["track_rmse"]
+
+
+def test_no_force_at_the_quasi_static_motion_of_a_slanted_panel():
+    """Its root's acceleration across it has parts of both axes, and so has the rate of that."""
+    env = SFFRFlexEnv(overrides=["panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]"])
+    obs, fields, speed, radius = env.reset(seed=0)[0], env.fields, PARAMS.path.speed, PARAMS.path.radius
+    along = np.array([np.cos(0.7), np.sin(0.7)])
+    push = speed**2 / radius * np.array([-along[1], along[0]])
+    obs[fields["reference_velocity"].slice], obs[fields["reference_acceleration"].slice] = speed * along, push
+    element = beam(9.0, 4.0, 20.0, 9.6e7, 1)
+    tip, across = -np.linalg.solve(element.K, element.S_y), rotation(2.1)[:, 1]
+    obs[fields["elastic"].slice] = across @ push * tip
+    obs[fields["elastic_rate"].slice] = across @ (speed / radius * np.array([-push[1], push[0]])) * tip
+    np.testing.assert_allclose(make_policy("lqr", env)(obs)[:3], 0.0, atol=1e-12)

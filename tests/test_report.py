@@ -16,14 +16,14 @@ from report_runs import SEED, made_up, made_up_run, run
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.physics.kinematics import modal_tip_deflections, rotation
+from sffr_gym.physics.kinematics import modal_tip_deflections
 from sffr_gym.physics.model import mode_slice, pack
 from sffr_gym.render.geometry import panel_line, place_in_panel
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_workbench.evaluation.recording import RECORDINGS, Recording
 from sffr_workbench.figures.style import POLICY_COLOURS
 from sffr_workbench.report.page import REPORT_FILE, SCRIPTS, STYLES, report_page, write_report
-from sffr_workbench.report.replay import columns_of, episode_data, group_by_episode, robot_data
+from sffr_workbench.report.replay import columns_of, episode_data, group_by_episode
 from sffr_workbench.report.runs import read_run, score_table
 from sffr_workbench.report.spectrum import GROUPS, SHARES, mode_frequencies, spectrum, use_of_limits
 
@@ -341,20 +341,3 @@ def test_missing_extra_says_what_to_install(monkeypatch, folder):
     monkeypatch.setattr("sffr_workbench.common.extras.find_spec", lambda name: None)
     result = sffr("report", folder, "--overwrite")
     assert result.exit_code == 2 and "pip install 'sffr-gym[report]'" in result.output
-
-
-def test_arms_reach_the_object(recording):
-    """Mount, angle, lengths and joint angles, put together as the page does, end at the grasp points."""
-    robot, columns = robot_data(recording), columns_of(recording, pack(recording.plant))
-    grasping = [arm for arm in robot["arms"] if arm["grasps"]]
-    assert len(robot["arms"]) == 4 and len(grasping) == 2
-    for row in (0, -1):
-        (x, y, yaw), joints, obj = (columns[name][row] for name in ("base", "joints", "object"))
-        for arm, grasp in zip(grasping, recording.plant.object.grasps, strict=True):
-            mount_x, mount_y, angle = arm["mount"]
-            tip = np.array([x, y]) + rotation(yaw) @ [mount_x, mount_y]
-            way = yaw + angle
-            for k, length in enumerate(arm["links"]):
-                way += joints[arm["first"] + k]
-                tip += length * np.array([np.cos(way), np.sin(way)])
-            np.testing.assert_allclose(tip, obj[:2] + rotation(obj[2]) @ grasp.point, rtol=0, atol=1e-5)

@@ -29,100 +29,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sffr_workbench.verify.flip_terms import (
+    CONFIG,
+    COUNTS,
+    DERIVATION,
+    FIRST,
+    FREE,
+    MAKERS,
+    SECTIONS,
+    SQUARED,
+    TERMS,
+    TESTS,
+)
+
 ROOT = Path(__file__).parents[3]
 PACKAGES = {"sffr_gym": ".", "sffr_baselines": "baselines", "sffr_workbench": "workbench"}  # and their folders
-
-PHYSICS, TASK, LAWS = "sffr_gym/physics", "sffr_gym/task", "baselines/sffr_baselines"
-EQUATIONS_OF_MOTION = {  # file: function: equations that it computes
-    f"{PHYSICS}/panel.py": {"condense": "45, 48", "expand": "45"},
-    f"{PHYSICS}/beam.py": {"shape_functions": "44", "beam": "45, 47"},
-    f"{PHYSICS}/monolithic.py": {
-        "panel_equations": "45, 48", "rigid_equations": "41", "root_jacobian": "49",
-        "assemble": "52", "constraint_jacobian": "8",
-    },
-    f"{PHYSICS}/kinematics.py": {
-        "base_point": "49", "arm_points": "41", "rotation": "41", "perpendicular": "41", "_beyond": "41",
-    },
-    f"{PHYSICS}/arms.py": {"link_directions": "41", "articulate": "41", "expand": "41", "tip_motion": "41"},
-    f"{PHYSICS}/dynamics.py": {
-        "_attach": "41, 52", "_base_inertia": "52", "_distribute": "41", "_root_acceleration": "49",
-        "flexible_wrench": "52",
-    },
-    f"{PHYSICS}/grasp.py": {"couple_object": "8", "solve_object": "8"},
-}  # fmt: skip
-LOOP = {  # file: function: what it computes
-    f"{PHYSICS}/etdrk4.py": {
-        "etdrk4_step": "step", "_extrapolate": "stages", "_constant_forcing": "ETDRK4", "_quadratic_forcing": "ETDRK4",
-    },
-    f"{PHYSICS}/stiff_modes.py": {
-        "freeze": "ETDRK4", "take_out": "ETDRK4", "_transition": "ETDRK4", "_rotate": "Jacobi",
-    },
-    f"{PHYSICS}/rk4.py": {"rk4_step": "RK4"},
-    f"{PHYSICS}/foreshortening.py": {
-        "condense_bent": "d'Alembert", "_move_inward": "d'Alembert", "_stiffen": "curvature", "_factor": "Cholesky",
-        "_solve": "Cholesky", "tip_foreshortening": "tip", "panel_inertia": "energy",
-    },
-    f"{PHYSICS}/actuators.py": {"pack_actuators": "15", "generalized_forces": "14"},
-    f"{TASK}/reference.py": {"circle_reference": "formation", "desired": "path"},
-    f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
-    f"{TASK}/signals.py": {"measure_state": "signals", "measure_command": "signals", "_bending": "signals"},
-    f"{TASK}/quasi_static.py": {"quasi_static_amplitude": "quasi-static"},
-    f"{TASK}/status.py": {"_elbow": "ends", "_gap": "ends"},
-    f"{TASK}/reward.py": {"reward_terms": "reward"},
-    f"{TASK}/control_period.py": {"control_period": "wrench"},
-    f"{TASK}/disturbances.py": {"impulse_wrench": "impulse", "_add_pair": "noise"},
-    f"{LAWS}/mic.py": {
-        "mic": "9, 12", "_links": "41", "_grip_forces": "9-11", "_reach": "12", "_inverse_dynamics": "6, 7, 13",
-    },
-    f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
-    f"{LAWS}/regulator.py": {
-        "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
-        "worth_of_effort": "score", "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
-    },
-    f"{LAWS}/panel_reaction.py": {"make_panel_reaction": "2", "add_panel_reaction": "2-4, 45, 48"},
-    f"{LAWS}/observer.py": {
-        "tracked_errors": "formation", "_kalman_gain": "Riccati", "integrate": "integral", "_correct": "prediction",
-        "_reference_motion": "path", "_lag": "delay",
-    },
-    f"{LAWS}/schedule.py": {"write_features": "features", "apply_decision": "weight", "_propagate": "network"},
-    f"{LAWS}/stability.py": {"sampled_growth": "sampling", "_sampled_modes": "sampling"},
-}  # fmt: skip
-CONFIG = "configs/sffr.yaml"
-TERMS = EQUATIONS_OF_MOTION | LOOP
-STEPS = ["test_integrator.py", "-k", "one_step or exact_oscillators"]
-PERIOD = [
-    "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
-    "terminates or info or reward or cost or simulator or momentum",
-]  # fmt: skip
-TESTS = {  # that check the files of LOOP, as arguments of pytest
-    f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
-    f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
-    f"{PHYSICS}/actuators.py": ["test_actuators.py"],
-    f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
-    f"{TASK}/observation.py": ["test_observation.py"],
-    f"{TASK}/signals.py": PERIOD, f"{TASK}/quasi_static.py": PERIOD, f"{TASK}/status.py": PERIOD,
-    f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
-    f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
-    f"{LAWS}/mic.py": ["test_mic.py"],
-    f"{LAWS}/suppression.py": ["test_suppression.py"], f"{LAWS}/regulator.py": ["test_regulator.py"],
-    f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
-    f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or costs or stay or gain or tracked or prediction"],
-    f"{LAWS}/schedule.py": ["test_schedule.py"],
-    f"{LAWS}/stability.py": ["test_stability.py", "-k", "axial_growth or whole_state_space"],
-}  # fmt: skip
-DERIVATION = "sffr_workbench.verify.panel_symbols"  # SymPy's, slow and of nothing that is flipped: kept
-# Sections that see a file, the fastest first; all the others that need no long run come after them.
-FIRST = {f"{PHYSICS}/beam.py": ("equations",), f"{PHYSICS}/kinematics.py": ("rigid",)}
-SECTIONS = ("coupling", "rigid", "equations")
-COUNTS = {"start", "at", "n", "n_a", "n_f", "n_m", "n_g", "n_modes", "N_BASE", "N_TIP", "elements", "element", "size"}
-SQUARED = {"dU", "d2W"}  # arrays that enter the equations as squares: the sign of all entries at once is free
-FREE = {  # function, term: why its sign makes no difference
-    ("_rotate", "1.0 / sqrt(t * t + 1.0)"): "a rotation by half a turn more",
-    ("_factor", "1.0 / sqrt(A[j, j])"): "a factor of either sign has the same square",
-    ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
-    ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
-}
-MAKERS = {"slice", "range", "zeros", "empty", "eye", "len", "base_point", "arm_points"}  # calls that give no numbers
 
 
 class Flip(NamedTuple):
