@@ -1,14 +1,17 @@
-"""Energy and momentum of robot and object, for linear and for foreshortened panels, in plain NumPy."""
+"""Energy, momentum and natural frequencies of robot and object, in plain NumPy."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import cholesky, null_space, solve_triangular, svdvals
 
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.foreshortening import panel_inertia, strain_energy
 from sffr_gym.physics.kinematics import rotation
-from sffr_gym.physics.model import Model, joint_slice, object_slice
+from sffr_gym.physics.model import Model, joint_slice, mode_slice, object_slice
 from sffr_gym.types import Array
+
+RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
 
 
 def energy_of(model: Model, p: Array, v: Array) -> float:
@@ -50,6 +53,24 @@ def inertia_of(model: Model, p: Array) -> Array:
         body = np.diag([model.object_mass, model.object_mass, model.object_inertia])
         M[object_slice(model), object_slice(model)] = body
     return M
+
+
+def natural_frequencies(model: Model, p: Array) -> Array:
+    """Return the undamped natural frequencies [rad/s] of a robot at rest at ``p`` (n,), rigid motion left out.
+
+    With an object, of the motion that the pins allow; straight panels if they keep their length. They are the singular
+    values of ``Omega L^-T``, ``M = L L^T``, which keeps the slow ones accurate beside fast ones.
+    """
+    M, at, body = inertia_of(model, p), mode_slice(model), object_slice(model)
+    stretch = np.zeros((at.stop - at.start, len(M)))
+    stretch[:, at] = np.diag(np.sqrt(model.omega2.ravel()))
+    if body.stop > body.start:
+        n = at.start
+        J, _ = monolithic.constraint_jacobian(model, p[:n], np.zeros(n), p[body])
+        allowed = null_space(np.hstack([J[:, :n], np.zeros((len(J), at.stop - at.start)), J[:, n:]]))
+        M, stretch = allowed.T @ M @ allowed, stretch @ allowed
+    omega = svdvals(solve_triangular(cholesky(M, lower=True), stretch.T, lower=True))
+    return np.sort(omega[omega > RIGID_MODE])
 
 
 def _modes(model: Model, i: int) -> slice:

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh, null_space
 
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import flexible_wrench
-from sffr_gym.physics.energy import energy_of, inertia_of, momentum_of
+from sffr_gym.physics.energy import energy_of, momentum_of, natural_frequencies
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
+from sffr_gym.physics.linearization import LinearModel, linear_model
 from sffr_gym.physics.model import (
     N_BASE,
     Model,
@@ -33,7 +33,6 @@ from sffr_gym.physics.model import (
 from sffr_gym.physics.plant import Plant
 from sffr_gym.types import Array
 
-RIGID_MODE = 1.0e-3  # rad/s, slower modes count as rigid motion
 SHORTEST_STEP = 1.0e-9  # s; what moves less far in it than a position is rounded
 MOST_STEPS = 10**7  # integration steps of a call, some ten seconds of computing that nothing interrupts
 
@@ -59,6 +58,11 @@ class Applied(NamedTuple):
     volts: Array  #: (n_p, n_c) piezo voltages [V]
     piezo_tau: Array  #: (n_p, 3) the piezos' forces on the tip coordinates [N, N, N m]
     saturated: np.ndarray  #: (n_u,) whether each actuator is saturated, in the order of an action
+
+    @property
+    def command(self) -> Array:
+        """The forces and voltages as one vector (n_u,), in the order of an action."""
+        return np.concatenate([self.volts.ravel(), self.base, self.joints])
 
 
 class Simulator:
@@ -102,6 +106,12 @@ class Simulator:
     def initial_state(self) -> State:
         """Return the configured start (Table IV), the object at rest relative to the grippers."""
         return self.unflatten(0.0, *initial_positions(self.params, self.model))
+
+    def rest_state(self) -> State:
+        """Return the configured start with straight panels and everything at rest."""
+        p, _ = initial_positions(self.params, self.model)
+        p[mode_slice(self.model)] = 0.0
+        return self.unflatten(0.0, p, 0.0 * p)
 
     def step(
         self,
@@ -225,18 +235,18 @@ class Simulator:
         Of the panels' modes below the cuts, straight if they keep their length; with an object, of the motion that the
         pins allow.
         """
-        state = self._own(state)
-        n = len(state.q)
-        M, at = inertia_of(self.model, self._flat(state)[0]), mode_slice(self.model)
-        stiffness = np.zeros_like(M)
-        stiffness[at, at] = np.diag(self.model.omega2.ravel())
-        if state.obj is not None:
-            J, _ = monolithic.constraint_jacobian(self.model, state.q, 0 * state.qd, state.obj)
-            allowed = null_space(np.hstack([J[:, :n], np.zeros((len(J), at.stop - at.start)), J[:, n:]]))
-            M, stiffness = allowed.T @ M @ allowed, allowed.T @ stiffness @ allowed
-        squares = eigh(stiffness, M, eigvals_only=True)
-        omega = np.sqrt(np.clip(squares, 0.0, None))
-        return omega[omega > RIGID_MODE]
+        return natural_frequencies(self.model, self._flat(self._own(state))[0])
+
+    def linearize(self, state: State | None = None, **command: ArrayLike | None) -> LinearModel:
+        """Return the linear model about a state, the start at rest if left out, and a command as in :meth:`step`.
+
+        Of the exact coupling, and of what the limits leave of the command, which itself has none in the model.
+
+        Raises:
+            ValueError: for a state with open grasps or a straight grasping arm; else as :meth:`step`.
+        """
+        flat, command_left = self._flat(self._own(state or self.rest_state())), self.applied(**command).command
+        return linear_model(self.params, self.model, self.actuators, self._plant, *flat, command_left)
 
     def _evaluated(self, state: State, command: dict[str, ArrayLike | None]) -> tuple[Array, Array]:
         """Return generalised forces and accelerations (n,); the rest of the equations stays in the buffers."""
@@ -248,8 +258,7 @@ class Simulator:
     def _forces(self, applied: Applied) -> Array:
         """Return the generalised forces (n,) of an applied command."""
         tau = np.zeros(self.model.at.end)
-        command = np.concatenate([applied.volts.ravel(), applied.base, applied.joints])
-        generalized_forces(self.model, self.actuators, command, tau)
+        generalized_forces(self.model, self.actuators, applied.command, tau)
         return tau
 
     def _assembled(self, state: State) -> tuple[Array, Array]:
