@@ -146,8 +146,10 @@ class Params(Section):
     def _initial_errors(self) -> list[InitErrorDetails]:
         errors = []
         for name, value in ("q", self.initial.q), ("qd", self.initial.qd):
-            if value is not None and len(value) != 3 + self.n_links:
+            found = name == "q" and self.initial.reach is not None and value is not None and len(value) == 3
+            if value is not None and len(value) != 3 + self.n_links and not found:
                 reason = f"must have {3 + self.n_links} entries, 3 of the base and {self.n_links} of the joints"
+                reason += ", or the first 3 and initial.reach" if name == "q" else ""
                 errors.append(error_at(("initial", name), value, f"{reason}, has {len(value)}"))
         for name, tips in ("qf", self.initial.qf), ("qfd", self.initial.qfd):
             if tip_form(tips) == EACH and len(tips) != self.n_panels:

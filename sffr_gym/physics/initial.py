@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.kinematics import arm_points, grasp_points, perpendicular, rotation
 from sffr_gym.physics.model import N_BASE, Model, joint_slice, modal, mode_slice, object_slice
+from sffr_gym.physics.reach import initial_joints, reach
 from sffr_gym.types import Array
 
 ASSEMBLY_TOLERANCE = 1.0e-14  # m, gap at which Newton's iteration stops
@@ -26,7 +28,7 @@ def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
     """
     p, v = np.zeros(model.at.end), np.zeros(model.at.end)
     rigid = slice(0, joint_slice(model).stop)
-    p[rigid] = params.initial.q
+    p[rigid] = [*params.initial.q[:N_BASE], *initial_joints(params)]
     if params.initial.qd is not None:
         v[rigid] = params.initial.qd
     p[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qf))
@@ -39,6 +41,16 @@ def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
     if params.object is not None:
         match_velocities(model, p, v)
     return p, v
+
+
+def held_positions(params: Params, model: Model, pose: ArrayLike | None, guess: ArrayLike | None) -> Array:
+    """Return positions (n,) with straight panels and the object held at a pose; see :func:`reach.reach`."""
+    held, p = reach(params, pose, guess), np.zeros(model.at.end)
+    base = params.initial.q[:N_BASE]
+    p[: model.at.modes] = [*base, *held.joints]
+    p[object_slice(model)] = [*(base[:2] + rotation(base[2]) @ held.pose[:2]), base[2] + held.pose[2]]
+    close_grasps(model, p)
+    return p
 
 
 def _along_path(params: Params, base: Array, carried: Array) -> Array:

@@ -15,7 +15,7 @@ from sffr_gym.physics.actuators import generalized_forces, pack_actuators, satur
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import flexible_wrench
 from sffr_gym.physics.energy import energy_of, momentum_of, natural_frequencies
-from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.initial import held_positions, initial_positions
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.linearization import LinearModel, linear_model
@@ -111,6 +111,11 @@ class Simulator:
         """Return the configured start with straight panels and everything at rest."""
         p, _ = initial_positions(self.params, self.model)
         p[mode_slice(self.model)] = 0.0
+        return self.unflatten(0.0, p, 0.0 * p)
+
+    def reach(self, pose: ArrayLike | None = None, guess: ArrayLike | None = None) -> State:
+        """Return a state at rest whose arms hold the object, at a pose (3,) in base axes; see :func:`reach.reach`."""
+        p = held_positions(self.params, self.model, pose, guess)
         return self.unflatten(0.0, p, 0.0 * p)
 
     def step(
