@@ -27,6 +27,7 @@ TOGETHER = {
         for i in range(3)
     },
     f"{TIP}.0.1": {f"{TIP}.0.1": 0.99},
+    "initial.reach": {"initial.reach": "auto"},
     "path.speed": {"path.speed": 0.9, "initial.qd.0": 0.9},  # else the start follows the path
     "path.heading": {"path.heading": "tangent", "initial.qd.2": 0.85 / 15.0},
 }

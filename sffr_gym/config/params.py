@@ -149,8 +149,8 @@ class Params(Section):
             found = name == "q" and self.initial.reach is not None and value is not None and len(value) == 3
             if value is not None and len(value) != 3 + self.n_links and not found:
                 reason = f"must have {3 + self.n_links} entries, 3 of the base and {self.n_links} of the joints"
-                reason += ", or the first 3 and initial.reach" if name == "q" else ""
-                errors.append(error_at(("initial", name), value, f"{reason}, has {len(value)}"))
+                advice = "; give the first 3 and initial.reach to have the others found" if name == "q" else ""
+                errors.append(error_at(("initial", name), value, f"{reason}, has {len(value)}{advice}"))
         for name, tips in ("qf", self.initial.qf), ("qfd", self.initial.qfd):
             if tip_form(tips) == EACH and len(tips) != self.n_panels:
                 reason = f"must have 3 numbers for all the panels or {self.n_panels} lists of 3, one for each"

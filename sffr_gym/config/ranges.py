@@ -7,11 +7,11 @@ What costs in combination, such as steps in a control period, is checked where t
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from sffr_gym.config.strict_yaml import check_error
+from sffr_gym.config.strict_yaml import TAG, check_error
 
 LONGEST_NAME = 64  # characters: names stand in tables, legends and file names
 LONGEST_TEXT = 1000
@@ -34,6 +34,12 @@ YoungsModulus = Annotated[float, Field(ge=1.0e6, le=1.0e13)]  # Pa: rubber; less
 Area = Annotated[float, Field(ge=1.0e-12, le=1.0)]  # m2; more is taken for cm2
 Relaxation = Annotated[float, Field(ge=0.0, le=10.0)]  # s; with more of it no panel vibrates, it creeps
 ModeCut = Annotated[float, Field(ge=1.0e-6, le=LARGEST_CUT)]  # rad/s; beyond lies no mode of a panel in these ranges
+
+# Where an object is to be held: wherever that is best, or at a pose.
+Reach = Annotated[
+    Annotated[Literal["auto"], Tag(f"{TAG}auto")] | Annotated[tuple[Place, Place, Angle], Tag(f"{TAG}pose")],
+    Discriminator(lambda value: f"{TAG}pose" if isinstance(value, list | tuple) else f"{TAG}auto"),
+]
 
 # Actuators: a limit that never acts is written as a large number, and what it divides stays finite.
 Limit = Annotated[float, Field(ge=1.0e-9, le=1.0e9)]  # N, N m, V

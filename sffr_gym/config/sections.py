@@ -44,6 +44,7 @@ from sffr_gym.config.ranges import (
     Radius,
     Rate,
     RateGain,
+    Reach,
     Relaxation,
     Scale,
     Share,
@@ -211,7 +212,7 @@ class Initial(Section):
     """The initial state; without ``qd`` robot and object move as one, at the path's speed and with its heading."""
 
     q: tuple[float, ...] = Field(description="base x, y, yaw, then the joint angles, arm by arm [m, rad]")
-    reach: Literal["auto"] | tuple[Place, Place, Angle] | None = Field(description="auto, or object pose [m, rad]")
+    reach: Reach | None = Field(description="where joint angles shall hold the object: auto, or a pose [m, rad]")
     qd: tuple[float, ...] | None = Field(description="their rates, null: along the path [m/s, rad/s]")
     qf: TipState = Field(description="tip's axial, transverse, slope, of every panel or a list of each [m, m, rad]")
     qfd: TipMotion = Field(description="their rates [m/s, m/s, rad/s]")
