@@ -27,7 +27,7 @@ def words(tick, block, key):
 def fill_noises(level, bound, key, noise):
     """Fill the noise (n_ticks, n_o) of an episode."""
     for tick in range(len(noise)):
-        add_noise(Sensing(level, key, 0), tick, bound, noise[tick])
+        add_noise(Sensing(level, key, 0, 0.0 * level, 0), tick, bound, noise[tick])
 
 
 def noises(level, key, n_ticks):

@@ -14,7 +14,14 @@ from sffr_gym.config.params import Params, load_params
 from sffr_gym.config.sections import Base
 from sffr_gym.config.strict_yaml import ConfigError
 
-OTHER_WORDS = {"fixed": "tangent", "etdrk4": "rk4", "auto": "all", "exact": "staggered", "generalized": "tip"}
+OTHER_WORDS = {
+    "fixed": "tangent",
+    "etdrk4": "rk4",
+    "auto": "all",
+    "exact": "staggered",
+    "generalized": "tip",
+    "continuous": "on-off",
+}
 OBSERVER = dict.fromkeys(("position", "angle", "velocity", "rate", "acceleration", "angular_acceleration"), 0.1)
 # Keys that another one refers to change together with it.
 TOGETHER = {

@@ -11,8 +11,9 @@ from plain_params import LEAVES, flatten, rejection
 from sffr_agents.config import CONFIGS, load_config
 from sffr_agents.tune_config import TuneConfig
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.actuator_sections import MOST_SPANS
 from sffr_gym.config.arguments import check_arguments
-from sffr_gym.config.sections import MOST_ARMS, MOST_LINKS, MOST_PANELS, MOST_SPANS
+from sffr_gym.config.sections import MOST_ARMS, MOST_LINKS, MOST_PANELS
 from sffr_gym.config.strict_yaml import build
 from sffr_gym.task.scenario import MOST_FAULTS, MOST_MODES, EpisodeRange, Scenario, load_scenario
 

@@ -11,7 +11,8 @@ from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVector
 from sffr_gym import ConfigError, load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
-from sffr_gym.task.episode import draw, drawn_plant, nominal
+from sffr_gym.task.episode import draw, nominal
+from sffr_gym.task.plants import drawn_plant
 from sffr_gym.task.scenario import load_scenario, scenario_names
 
 pytest.importorskip("PIL")

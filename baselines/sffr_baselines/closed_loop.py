@@ -90,12 +90,12 @@ def act(law, tick, obs, states, actions, work):
 
 
 @entry
-def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, states, record, outcome):
+def run(plant, reference, sensing, impulses, law, work, first, last, p, v, actuation, obs, states, record, outcome):
     """Run law and plant from period ``first`` up to ``last``, in place.
 
     plant: a :class:`task_model.TaskModel`; reference, sensing, impulses: those of the episode.
     law: what the controller does and believes; work: :class:`LoopWork`.
-    p, v: (n,) positions and velocities; obs: (n_o,) their observation.
+    p, v: (n,) positions and velocities; actuation: (n_u + 9,) numbers of the actuators' state; obs: (n_o,) observation.
     states: (1, ...) what the law remembers, :class:`control_law.LawState`.
     record: written; its rows count from period 0.
     outcome: (2,) the period that was reached, and the status of the last one that ran, written.
@@ -116,7 +116,7 @@ def run(plant, reference, sensing, impulses, law, work, first, last, p, v, obs, 
         command_of(command, plant.scale, command)
         impulse_wrench(impulses, tick, plant.period, work.wrench)
         t_end, signals = (tick + 1) * plant.period, record.signals[tick]
-        status = control_period(plant, reference, t_end, p, v, command, work.wrench, period, obs, signals)
+        status = control_period(plant, reference, t_end, p, v, command, actuation, work.wrench, period, obs, signals)
         for i in range(len(plant.model.panel_root)):
             record.tips[tick, i] = tip_deflection(plant.actuators, plant.model, i, p)
         if status != NOT_FINITE:  # else the last observation stays

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_baselines.mic import Gains, MicWork, mic, mic_shapes
+from sffr_baselines.free_floating import FloatWork, float_base, float_shapes
+from sffr_baselines.mic import Gains, MicWork, answer, ask, mic_shapes
 from sffr_baselines.observer import Observer, estimate, integrate
 from sffr_baselines.panel_reaction import PanelReaction, add_panel_reaction
 from sffr_baselines.regulator import Regulator, regulate
@@ -35,6 +36,7 @@ class Law(NamedTuple):
     suppression: Suppression  #: the panels' law
     regulator: Regulator  #: what is added to it, of no effect in the paper's laws
     observer: Observer  #: what it makes of measurements, of no effect in them
+    floating: bool  #: whether the base has no thrusters, and the law controls what is left
     reaction: PanelReaction  #: feed-forward of what the panels pull the base with, of no effect in them
     schedule: Schedule  #: what changes the virtual damping over time, of no effect in them
     allocation: Array  #: (n_p, n_c, 3) volts for a desired tip force
@@ -57,13 +59,14 @@ class LawWork(NamedTuple):
 
     mic: MicWork
     schedule: ScheduleWork
+    floating: FloatWork
     seen: Array  #: (n_o,) what the law acts on
 
 
 def law_shapes(law):
     """Shapes of the :class:`LawWork` of a :class:`Law`."""
     n_o = law.at.reference_acceleration + 2
-    return LawWork(mic_shapes(law.prior), schedule_shapes(law), seen=(n_o,))
+    return LawWork(mic_shapes(law.prior), schedule_shapes(law), float_shapes(), seen=(n_o,))
 
 
 def state_shapes(law):
@@ -118,8 +121,13 @@ def control(law, state, work, command):
     if law.regulator.active:
         regulate(law.regulator, law.at, seen, volts)
     thrust, torque = command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :]
-    mic(law.prior, law.reference, law.held, law.gains, law.at, seen, state.integral, work.mic, thrust, torque)
-    if law.reaction.active:
+    ask(law.prior, law.reference, law.held, law.gains, law.at, seen, state.integral, work.mic)
+    if law.floating:
+        float_base(law, seen, state, work, volts, torque)
+    answer(law.prior, law.reference, law.gains, law.at, seen, state.integral, work.mic, thrust, torque)
+    if law.floating:
+        thrust[:] = 0.0
+    elif law.reaction.active:
         add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, work.mic.base, thrust)
     if law.gains.Ki > 0.0:
         excess = 0.0

@@ -12,6 +12,7 @@ from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.exemplars import PLAIN, Exemplars, exemplar_groups, exemplar_task
+from sffr_gym.physics.actuators import state_size
 from sffr_gym.task.disturbances import Impulses, Sensing
 
 
@@ -31,10 +32,26 @@ def _act() -> Exemplars:
 def _run() -> Exemplars:
     task = exemplar_task()
     law, p, obs = _law(), np.zeros(task.model.at.end), np.zeros(len(task.bound))
-    sensing, impulses = Sensing(obs, 0, 0), Impulses(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
+    sensing, impulses = Sensing(obs, 0, 0, obs, 0), Impulses(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
     states, work = make_states(law, 1), new_workspace(loop_shapes(task, law))
     episode = task, law.reference, sensing, impulses
-    yield PLAIN, (*episode, law, work, 0, 1, p, p, obs, states, make_record(task, 2, 1), np.zeros(2))
+    yield (
+        PLAIN,
+        (
+            *episode,
+            law,
+            work,
+            0,
+            1,
+            p,
+            p,
+            np.zeros(state_size(len(law.scale))),
+            obs,
+            states,
+            make_record(task, 2, 1),
+            np.zeros(2),
+        ),
+    )
 
 
 @see_row.shown_by

@@ -165,10 +165,11 @@ def make_law(name: str, prior: Params) -> Law:
         suppression=make_suppression(prior, **SUPPRESSION[kind]),
         regulator=make_regulator(prior, model, reference, actuators.K_PZ, weights),
         observer=make_observer(prior, model, reference, at),
+        floating=prior.actuators.thrusters == "none",
         reaction=make_panel_reaction(prior, model, actuators.K_PZ),
         schedule=make_schedule(prior),
         allocation=actuators.allocation,
-        scale=actuators.limit,
+        scale=actuators.rated,
     )
 
 

@@ -43,8 +43,8 @@ def mic_shapes(prior):
 
 
 @kernel
-def mic(prior, reference, held, gains, at, obs, integral, work, wrench, torque):
-    """Write the base wrench (3,), base axes, and the joint torques (n_l,) of the law.
+def ask(prior, reference, held, gains, at, obs, integral, work):
+    """Write into ``work`` what the law asks for: accelerations of base and held joints, gripper forces.
 
     prior: the model that the controller believes; its rigid part and object are used.
     reference: the formation that the task asks for (:class:`reference.Reference`).
@@ -64,9 +64,7 @@ def mic(prior, reference, held, gains, at, obs, integral, work, wrench, torque):
     alpha = Kp * obs[at.yaw_error] + Kd * obs[at.yaw_error_rate] + Ki * integral[2]
     ax, ay = cb * ax + sb * ay, cb * ay - sb * ax
     work.base[0], work.base[1], work.base[2] = ax, ay, alpha
-    w = obs[at.yaw_rate]
-
-    _links(prior, obs, at, w, work)
+    _links(prior, obs, at, obs[at.yaw_rate], work)
     work.hold[:] = 0.0
     for k in range(len(held)):
         joint = held[k]
@@ -75,6 +73,19 @@ def mic(prior, reference, held, gains, at, obs, integral, work, wrench, torque):
     work.grip_y[:] = 0.0
     if prior.object_mass > 0.0:
         _grip_forces(prior, reference, gains, at, obs, integral, cb, sb, work)
+
+
+@kernel
+def answer(prior, reference, gains, at, obs, integral, work, wrench, torque):
+    """Write the base wrench (3,), base axes, and the joint torques (n_l,) that give the base ``work.base``.
+
+    Grippers and held joints move, and the object is held, as :func:`ask` left it; its arguments, and its ``work``.
+    """
+    Kp, Kd, Ki = gains.Kp, gains.Kd, gains.Ki
+    turn, axd, ayd = obs[at.reference_turn], obs[at.reference_acceleration], obs[at.reference_acceleration + 1]
+    yaw = reference.yaw - obs[at.yaw_error]
+    cb, sb = cos(yaw), sin(yaw)
+    ax, ay, alpha, w = work.base[0], work.base[1], work.base[2], obs[at.yaw_rate]
     for arm in range(len(prior.arm_angle)):
         for k in range(prior.arm_first[arm], prior.arm_first[arm + 1]):
             before = alpha if k == prior.arm_first[arm] else work.alpha[k - 1]

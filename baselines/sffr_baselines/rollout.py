@@ -15,6 +15,7 @@ from sffr_baselines.policies import Policy
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.actuators import state_size
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import Episode
@@ -136,13 +137,13 @@ def _run_compiled(
     if policy.law.at != env.prior_task.at or len(policy.law.scale) != len(env.prior_task.scale):
         raise ValueError(f"{policy.name} was made for a robot with other observations or actuators than this one's")
     p, v, obs = env.positions, env.velocities, obs.astype(np.float64)
-    states, episode = make_states(policy.law, 1), env.episode
+    states, episode, actuation = make_states(policy.law, 1), env.episode, np.zeros(state_size(len(policy.law.scale)))
     work, outcome = new_workspace(loop_shapes(env.plant_task, policy.law)), np.array([0.0, RUNNING])
     done = 0
     while done < ticks and outcome[1] == RUNNING:
         run(
             env.plant_task, episode.reference, episode.sensing, episode.impulses, policy.law, work, done,
-            min(done + PIECE, ticks), p, v, obs, states, record, outcome,
+            min(done + PIECE, ticks), p, v, actuation, obs, states, record, outcome,
         )  # fmt: skip
         progress(int(outcome[0]) - done)
         done = int(outcome[0])

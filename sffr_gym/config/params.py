@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 from pydantic_core import InitErrorDetails
 
+from sffr_gym.config.actuator_sections import Actuators
 from sffr_gym.config.field_errors import error_at, raise_errors
 from sffr_gym.config.files import short_hash
 from sffr_gym.config.ranges import at_most
@@ -16,7 +17,6 @@ from sffr_gym.config.sections import (
     COSTS,
     EACH,
     MOST_ARMS,
-    Actuators,
     Arm,
     Base,
     Control,

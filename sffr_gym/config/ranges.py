@@ -43,6 +43,10 @@ Reach = Annotated[
 
 # Actuators: a limit that never acts is written as a large number, and what it divides stays finite.
 Limit = Annotated[float, Field(ge=1.0e-9, le=1.0e9)]  # N, N m, V
+TimeConstant = Annotated[float, Field(ge=0.0, le=100.0)]  # s; longer is taken for milliseconds
+Quantum = Annotated[float, Field(ge=0.0, le=1.0e9)]  # V, N, N m, as the limits; 0 is none
+OnTime = Annotated[float, Field(ge=0.0, le=10.0)]  # s, of a valve
+TriggerGain = Annotated[float, Field(ge=1.0e-3, le=1.0e3)]  # of a command that is at most 1
 
 # State. The start lies near enough to the origin that rounding is far below what the reward resolves (1e-5 m), and its
 # rates stay within what an episode can begin with.

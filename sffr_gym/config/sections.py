@@ -31,7 +31,6 @@ from sffr_gym.config.ranges import (
     Inertia,
     IntegralGain,
     Length,
-    Limit,
     Mass,
     ModeCut,
     Name,
@@ -62,13 +61,10 @@ TIP_COORDINATES = ("q4", "q5", "q6")  # a panel tip's axial and transverse displ
 ALL, EACH = f"{TAG}all", f"{TAG}each"  # forms of the panels' initial state
 
 # Each part of a robot costs in every step, and in the search of its modes: a robot of all of them takes milliseconds.
-MOST_ARMS, MOST_LINKS, MOST_PANELS, MOST_ELEMENTS, MOST_SPANS = 16, 32, 16, 64, 64
+MOST_ARMS, MOST_LINKS, MOST_PANELS, MOST_ELEMENTS = 16, 32, 16, 64
 COSTS = "each costs in every step"
 
 Place2 = tuple[Place, Place]
-Spans = Annotated[
-    tuple[tuple[float, float], ...], Field(min_length=1), at_most(MOST_SPANS, "each is a channel of every action")
-]
 Damping3 = tuple[Damping, Damping, Damping]
 Tip = tuple[Place, Place, Slope]
 TipRate = tuple[Velocity, Velocity, Rate]
@@ -174,38 +170,6 @@ class Object(Section):
     mass: Mass = Field(description="mass [kg]")
     inertia: Inertia = Field(description="moment of inertia about the centre of mass [kg m2]")
     grasps: tuple[Grasp, ...] = Field(min_length=1, description="one entry for each grasping arm")
-
-
-class Piezo(Section):
-    """The piezoelectric actuators of each panel."""
-
-    array: Literal["generalized", "patches", "tip"] = Field(description="what the channels act on [-]")
-    force: Limit = Field(description="force at full voltage: of a patch, on the axial, transverse coordinate [N]")
-    moment: Limit = Field(description="moment at full voltage on the tip slope [N m]")
-    voltage: Limit = Field(description="full voltage [V]")
-    patches: Spans = Field(description="patch pairs near the root, each from and to, as parts of the length [-]")
-    tip: Spans = Field(description="patch pairs at the tip, likewise [-]")
-
-    @field_validator("patches", "tip")
-    @classmethod
-    def _check_spans(cls, spans: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        end = 0.0
-        for start, stop in spans:
-            if not end <= start < stop <= 1.0:
-                raise check_error(
-                    "must be spans [from, to] with 0 <= from < to <= 1, none beginning before the last one ends"
-                )
-            end = stop
-        return spans
-
-
-class Actuators(Section):
-    """Limits of the thrusters, the joints and the piezoelectric actuators."""
-
-    thruster_force: Limit = Field(description="largest force on each body axis [N]")
-    thruster_torque: Limit = Field(description="largest torque on the base [N m]")
-    joint_torque: Limit = Field(description="largest torque of each joint [N m]")
-    piezo: Piezo = Field(description="piezoelectric actuators")
 
 
 class Initial(Section):

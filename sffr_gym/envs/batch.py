@@ -18,7 +18,7 @@ from sffr_gym.compile.library import load_library
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.compile.workspace import allocate, new_workspace, workspace
 from sffr_gym.envs.lane_plants import LanePlants
-from sffr_gym.physics.actuators import command_of
+from sffr_gym.physics.actuators import command_of, state_size
 from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
 from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
@@ -45,10 +45,13 @@ class Batch(NamedTuple):
     p: Array  #: (n, n_q) positions and velocities
     v: Array  #: (n, n_q)
     reference: Array  #: (n, 10 + n_l) numbers of each :class:`Reference`, joint angles last
+    actuation: Array  #: (n, n_u + 9) numbers of each :class:`actuators.ActuatorState`
     wrench: Array  #: (n, 3) force of the surroundings on the base, base axes
-    level: Array  #: (n, n_o), key, delay: (n,) of each :class:`disturbances.Sensing`
+    level: Array  #: (n, n_o), key, delay: (n,), quantum: (n, n_o), coarse: (n,) of each :class:`disturbances.Sensing`
     key: IntArray
     delay: IntArray
+    quantum: Array
+    coarse: IntArray
     impulse_tick: IntArray  #: (n, MOST_IMPULSES), impulse: (n, MOST_IMPULSES, 3) of each :class:`disturbances.Impulses`
     impulse: Array
     obs: Array  #: what the last period gave
@@ -56,7 +59,7 @@ class Batch(NamedTuple):
     terms: Array
     signals: Array
     cost: Array
-    applied: Array  #: (n, n_u) commands after the limits
+    applied: Array  #: (n, n_u) what the actuators gave of the commands
     clipped: IntArray  #: (n,) how many entries of the last action lay beyond [-1, 1]
     status: IntArray  #: (n,) why an episode ended; see ``task.status``
 
@@ -67,6 +70,7 @@ class Group(NamedTuple):
     p: Array
     v: Array
     reference: Array
+    actuation: Array
     wrench: Array
     command: Array
     t: Array  #: (1,) time at the end of the period [s]
@@ -87,10 +91,11 @@ class GroupWork(NamedTuple):
 
 def group_shapes(task):
     """Shapes of the :class:`GroupWork` of a robot."""
-    n, n_o = task.model.at.end, len(task.bound)
+    n, n_u, n_o = task.model.at.end, len(task.scale), len(task.bound)
     group = Group(
-        p=(n,), v=(n,), reference=(N_REFERENCE + len(task.model.link_mass),), wrench=(3,), command=(len(task.scale),),
-        t=(1,), obs=(n_o,), signals=(N_SIGNALS,), terms=(len(REWARDS),), reward=(1,), cost=(1,), status=(1,),
+        p=(n,), v=(n,), reference=(N_REFERENCE + len(task.model.link_mass),), actuation=(state_size(n_u),), wrench=(3,),
+        command=(n_u,), t=(1,), obs=(n_o,), signals=(N_SIGNALS,), terms=(len(REWARDS),), reward=(1,), cost=(1,),
+        status=(1,),
     )  # fmt: skip
     return GroupWork(period_shapes(task), group)
 
@@ -101,8 +106,9 @@ def make_batch(task: TaskModel, n: int) -> Batch:
     return Batch(
         tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
         reference=np.zeros((n, N_REFERENCE + len(task.model.link_mass))),
-        wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)), key=np.zeros(n, dtype=np.int64),
-        delay=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
+        actuation=np.zeros((n, state_size(n_u))), wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)),
+        key=np.zeros(n, dtype=np.int64), delay=np.zeros(n, dtype=np.int64), quantum=np.zeros((n, n_o)),
+        coarse=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
         impulse=np.zeros((n, MOST_IMPULSES, 3)), obs=np.zeros((n, n_o)), reward=np.zeros(n),
         terms=np.zeros((n, len(REWARDS))), signals=np.zeros((n, N_SIGNALS)), cost=np.zeros(n),
         applied=np.zeros((n, n_u)), clipped=np.zeros(n, dtype=np.int64), status=np.zeros(n, dtype=np.int64),
@@ -115,7 +121,7 @@ def put_episode(batch: Batch, i: int, episode: Episode) -> None:
         array[i] = 0
     batch.p[i], batch.v[i] = episode.p, episode.v
     batch.reference[i] = flat_reference(episode.reference)
-    batch.level[i], batch.key[i], batch.delay[i] = episode.sensing
+    batch.level[i], batch.key[i], batch.delay[i], batch.quantum[i], batch.coarse[i] = episode.sensing
     count = len(episode.impulses.tick)
     batch.impulse_tick[i] = NEVER
     batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
@@ -254,6 +260,7 @@ def load(batch, i, group):
     gather(batch.p, i, group.p)
     gather(batch.v, i, group.v)
     gather(batch.reference, i, group.reference)
+    gather(batch.actuation, i, group.actuation)
     gather(batch.obs, i, group.obs)
     gather(batch.signals, i, group.signals)
 
@@ -272,8 +279,8 @@ def begin(task, batch, i, group, lane):
 def advance_group(task, group, period):
     """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
     group.status[0] = control_period(
-        task, reference_at(group.reference), group.t[0], group.p, group.v, group.command, group.wrench, period,
-        group.obs, group.signals,
+        task, reference_at(group.reference), group.t[0], group.p, group.v, group.command, group.actuation, group.wrench,
+        period, group.obs, group.signals,
     )  # fmt: skip
     group.reward[0] = reward_terms(task.weights, task.period, group.signals, group.terms)
     group.cost[0] = period_cost(group.signals, group.status[0])
@@ -285,7 +292,9 @@ def sense_lane(task, batch, i, group, period, lane, one):
 
     period: :class:`control_period.PeriodWork` of :func:`advance_group`; one: that of a single environment.
     """
-    if columns(group.status)[0, lane] == NOT_FINITE or not (batch.key[i] > 0 or batch.delay[i] > 0):
+    if columns(group.status)[0, lane] == NOT_FINITE or not (
+        batch.key[i] > 0 or batch.delay[i] > 0 or batch.coarse[i] > 0
+    ):
         return
     before = one.before
     take(period.before.p, lane, before.p)
@@ -302,6 +311,7 @@ def store(batch, i, group, period, lane):
     batch.status[i] = int(columns(group.status)[0, lane])
     take(group.p, lane, batch.p[i])
     take(group.v, lane, batch.v[i])
+    take(group.actuation, lane, batch.actuation[i])
     take(group.obs, lane, batch.obs[i])
     take(group.signals, lane, batch.signals[i])
     take(period.applied, lane, batch.applied[i])
@@ -324,4 +334,4 @@ if hasattr(os, "register_at_fork"):  # threads do not survive a fork: the child 
 
 @kernel
 def _sensing(batch, i):
-    return Sensing(batch.level[i], batch.key[i], batch.delay[i])
+    return Sensing(batch.level[i], batch.key[i], batch.delay[i], batch.quantum[i], batch.coarse[i])

@@ -11,7 +11,7 @@ import numpy as np
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.batch import visible
-from sffr_gym.task.episode import drawn_plant
+from sffr_gym.task.plants import drawn_plant
 from sffr_gym.task.task_model import TaskModel
 
 if TYPE_CHECKING:

@@ -29,6 +29,7 @@ MOST_STEPS = 100_000  # integration steps in a control period
 FAR = 1.0e6  # m, rad and their rates: no robot or reference gets so far, and no noise is so large
 LARGE = 1.0e100  # whose square is finite; for what was measured
 STIFF = Sizes._fields.index("stiff")
+DRAWN_ACTUATORS = ("thruster_force", "thruster_torque", "thrusters", "modulator", "lag", "quantisation")
 SETTLED = ("period", "limits", "scale", "bound", "weights")  # numbers of a plant that no scenario draws
 
 
@@ -57,8 +58,9 @@ def check_batch(batch: Batch, prior: TaskModel) -> None:
     """Make sure that the numbers of a batch of the right form are such that the kernels can go on from them."""
     check_finite(batch, "state.batch")
     limits = {
-        "p": (-FAR, FAR), "v": (-FAR, FAR),
-        "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "impulse_tick": (NEVER, MOST_TICKS),
+        "p": (-FAR, FAR), "v": (-FAR, FAR), "actuation": (-LARGE, LARGE),
+        "tick": (0, MOST_TICKS), "key": (0, KEYS - 1), "delay": (0, 1), "quantum": (0.0, FAR), "coarse": (0, 1),
+        "impulse_tick": (NEVER, MOST_TICKS),
         "clipped": (0, len(prior.scale)), "status": (0, len(REASONS) - 1), "level": (0.0, FAR),
         "obs": (-prior.bound, prior.bound), "reference": (-FAR, FAR), "signals": (-LARGE, LARGE),
     }  # fmt: skip
@@ -99,6 +101,7 @@ def check_episode(episode: Any, known: Nominal, prior: TaskModel) -> TaskModel:
     for values, low, high, name in (
         (episode.ticks, 1, MOST_TICKS, "ticks"), (episode.sensing.key, 0, KEYS - 1, "sensing.key"),
         (episode.sensing.delay, 0, 1, "sensing.delay"), (episode.sensing.level, 0.0, FAR, "sensing.level"),
+        (episode.sensing.quantum, 0.0, FAR, "sensing.quantum"), (episode.sensing.coarse, 0, 1, "sensing.coarse"),
         (episode.health.piezo, 0.0, 1.0, "health.piezo"), (episode.health.thruster, 0.0, 1.0, "health.thruster"),
         (episode.health.joint, 0.0, 1.0, "health.joint"), (len(episode.impulses.tick), 0, MOST_IMPULSES, "impulses"),
         (episode.impulses.tick, NEVER, MOST_TICKS, "impulses.tick"),
@@ -129,7 +132,7 @@ def _episode_form(episode: Any, known: Nominal, prior: TaskModel) -> Episode:
         p=known.p, v=known.v, reference=circle_reference(known.params, known.model, known.p), plant=known.params,
         prior=known.params, ticks=1, health=Health(np.ones(len(known.model.panel_root)), 1.0, 1.0),
         impulses=Impulses(np.zeros(count, dtype=np.int64), np.zeros((count, 3))),
-        sensing=Sensing(np.zeros(len(prior.bound)), 0, 0), drawn={},
+        sensing=Sensing(np.zeros(len(prior.bound)), 0, 0, np.zeros(len(prior.bound)), 0), drawn={},
     )  # fmt: skip
 
 
@@ -151,7 +154,7 @@ def _is_of(episode: Episode, known: Nominal) -> bool:
         )
         for arm, its in zip(prior.arms, plant.arms, strict=True)
     )
-    drawn["actuators"] = _with(prior.actuators, plant.actuators, "thruster_force", "thruster_torque").model_copy(
+    drawn["actuators"] = _with(prior.actuators, plant.actuators, *DRAWN_ACTUATORS).model_copy(
         update={"piezo": _with(prior.actuators.piezo, plant.actuators.piezo, "force", "moment")}
     )
     if prior.object is not None:

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sffr_gym.config.actuator_sections import Piezo
 from sffr_gym.config.params import Params
-from sffr_gym.config.sections import Panel, Piezo
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import N_TIP, Modes, section_motion
 from sffr_gym.physics.model import panel_modes
 from sffr_gym.types import Array

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.compile.linalg import assign
-from sffr_gym.physics.actuators import generalized_forces, saturate
+from sffr_gym.physics.actuators import actuate, actuator_state, generalized_forces, state_size
 from sffr_gym.physics.integrator import StepWork, advance, step_shapes
 from sffr_gym.physics.model import N_BASE
 from sffr_gym.task.observation import observe
@@ -27,6 +27,7 @@ class Before(NamedTuple):
 
     p: Array  #: (n,) positions and velocities
     v: Array  #: (n,)
+    actuation: Array  #: (n_u + 9,) what the actuators remember
     obs: Array  #: (n_o,), signals: (N_SIGNALS,) what was observed and measured; kept only where other lanes go on
     signals: Array
 
@@ -37,28 +38,32 @@ class PeriodWork(NamedTuple):
     step: StepWork  #: of the integrator
     before: Before  #: the state before the period
     tau: Array  #: (n,) generalised forces
-    applied: Array  #: (n_u,) command after the limits
+    asked: Array  #: (n_u,) command within the limits
+    applied: Array  #: (n_u,) what the actuators gave of it
     quasi_static: Array  #: (3,) quasi-static wrench of the panels on the base [N, N, N m]
     energy: Array  #: (n_p,) each panel's share of the signal ``vibration`` [J]
 
 
 def period_shapes(task):
     """Shapes of the :class:`PeriodWork` of a :class:`task_model.TaskModel`."""
-    n = task.model.at.end
+    n, n_u = task.model.at.end, len(task.scale)
     return PeriodWork(
-        step=step_shapes(task.model), before=Before((n,), (n,), (len(task.bound),), (N_SIGNALS,)), tau=(n,),
-        applied=(len(task.scale),), quasi_static=(3,), energy=(len(task.model.panel_root),),
+        step=step_shapes(task.model),
+        before=Before((n,), (n,), (state_size(n_u),), (len(task.bound),), (N_SIGNALS,)), tau=(n,),
+        asked=(n_u,), applied=(n_u,), quasi_static=(3,), energy=(len(task.model.panel_root),),
     )  # fmt: skip
 
 
 @kernel
-def control_period(task, reference, t_end, p, v, command, wrench, work, obs, signals):
+def control_period(task, reference, t_end, p, v, command, actuation, wrench, work, obs, signals):
     """Hold a command for the control period that ends at ``t_end`` [s]; advance ``p, v`` (n,) in place.
 
-    A state that is not finite is not returned: ``p, v`` go back to what they were, observation and signals stay.
+    A state that is not finite is not returned: ``p, v`` and actuators go back to what they were, observation and
+    signals stay.
 
     task: the plant as a :class:`task_model.TaskModel`; reference: the episode's :class:`reference.Reference`.
     command: (n_u,) piezo volts, base thrust, joint torques, before the limits.
+    actuation: (n_u + 9,) numbers of the :class:`actuators.ActuatorState`, advanced in place.
     wrench: (3,) force of the surroundings on the base [N, N, N m], base axes.
     work: :class:`PeriodWork`.
     obs: (n_o,) observation at the end, written; signals: (N_SIGNALS,) written.
@@ -68,7 +73,8 @@ def control_period(task, reference, t_end, p, v, command, wrench, work, obs, sig
     before = work.before
     assign(before.p, p)
     assign(before.v, v)
-    saturate(task.actuators, command, work.applied)
+    assign(before.actuation, actuation)
+    actuate(task.actuators, command, actuator_state(task.actuators, actuation), work.asked, work.applied)
     generalized_forces(task.model, task.actuators, work.applied, work.tau)
     for k in range(N_BASE):
         work.tau[k] += wrench[k]
@@ -79,6 +85,7 @@ def control_period(task, reference, t_end, p, v, command, wrench, work, obs, sig
     if any_lane(diverged > 0.0):
         _roll_back(diverged, before.p, p)
         _roll_back(diverged, before.v, v)
+        _roll_back(diverged, before.actuation, actuation)
         if not any_lane(diverged == 0.0):
             return where(diverged > 0.0, NOT_FINITE, RUNNING)
         assign(before.obs, obs)
@@ -86,7 +93,7 @@ def control_period(task, reference, t_end, p, v, command, wrench, work, obs, sig
     des = desired(reference, t_end)
     observe(task, reference, des, p, v, work.step.dynamics, obs, False)
     measure_state(task, reference, des, p, v, work.energy, work.quasi_static, signals)
-    measure_command(task, work.applied, work.step.forces.q_flex, work.quasi_static, signals)
+    measure_command(task, work.asked, work.applied, work.step.forces.q_flex, work.quasi_static, signals)
     status = status_of(task, p, v, work.step.dynamics, obs)
     if any_lane(diverged > 0.0):
         _roll_back(diverged, before.obs, obs)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
+from sffr_gym.physics.actuators import quantise
 from sffr_gym.task.observation import clip, observe
 from sffr_gym.task.reference import desired
 from sffr_gym.types import Array, IntArray
@@ -29,6 +30,8 @@ class Sensing(NamedTuple):
     level: Array  #: (n_o,) standard deviation of the noise on each number of the observation
     key: int  #: of the noise's random numbers, below ``KEYS``; 0 for none
     delay: int  #: 1 if what is measured lags a control period behind, else 0
+    quantum: Array  #: (n_o,) step in which each number is given; 0 for any value
+    coarse: int  #: 1 if any is given in steps, else 0
 
 
 class Impulses(NamedTuple):
@@ -52,6 +55,8 @@ def impulse_wrench(impulses, tick, period, wrench):
 def sense(task, reference, sensing, tick, p, v, work, obs):
     """Turn the true observation ``obs`` (n_o,) after ``tick`` control periods into what is measured, in place.
 
+    Late first, then noisy, then rounded to what the sensors can tell apart, as a signal goes through a sensor.
+
     Late sensors show the robot as it was a period ago; what is desired of it now is known.
 
     task: the plant as a :class:`task_model.TaskModel`; reference: the episode's.
@@ -62,6 +67,8 @@ def sense(task, reference, sensing, tick, p, v, work, obs):
         clip(task.bound, obs)
     if sensing.key > 0:
         add_noise(sensing, tick, task.bound, obs)
+    if sensing.coarse > 0:
+        quantise(sensing.quantum, task.bound, obs)
 
 
 @kernel

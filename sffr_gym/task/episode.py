@@ -1,21 +1,18 @@
 """Episodes: one draw of a scenario, with its plant, start, reference, sensors, faults and impulses.
 
 All random numbers come from one generator, in this order, each only if the scenario draws it: path speed; phase;
-factors of object, EI, panel mass, the links one by one, piezos and thrusters; each panel's modes (amplitude, phase);
+what of the plant is drawn (``plants``); each panel's modes (amplitude, phase);
 offset (distance, direction, angle); fault, and the panel that has it; impulse by impulse its time, size, direction and
-moment; delay; the key of the noise.
+moment; delay; the key of the noise; steps of the sensors by unit.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sffr_gym.config.params import Params
-from sffr_gym.config.ranges import LARGEST_CUT
-from sffr_gym.config.sections import Actuators as ActuatorSection
-from sffr_gym.config.sections import Arm, Panel
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators
 from sffr_gym.physics.beam import N_TIP
@@ -24,13 +21,14 @@ from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.model import N_BASE, Model, mode_slice, object_slice, pack
 from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.task.observation import Field, observation_fields
+from sffr_gym.task.plants import Drawn, at_speed, draw_plant
 from sffr_gym.task.quasi_static import quasi_static_amplitudes
 from sffr_gym.task.reference import Reference, circle_reference, desired
 from sffr_gym.task.scenario import ImpulseDraws, Scenario, Sensors
 from sffr_gym.types import Array
 
-Drawn = dict[str, float]
 _KINDS = {"m": "position", "rad": "angle", "m/s": "velocity", "rad/s": "rate"}  # key of Sensors by unit
+_SUFFIXES = {"position": "m", "angle": "rad", "velocity": "m_s", "rate": "rad_s"}  # of names of what is drawn
 
 
 class Health(NamedTuple):
@@ -104,9 +102,12 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     phase = 0.0  # angle on the circle at the start [rad]
     if scenario.random_phase:
         drawn["path_phase_rad"] = phase = rng.uniform(0.0, 2.0 * np.pi)
-    plant = _draw_plant(scenario, prior, known, rng, drawn)
+    plant = prior
+    if known.plant is not known.params:
+        plant = known.plant if scenario.speed is None else at_speed(known.plant, drawn)
     model, p, v = known.model, known.p.copy(), known.v.copy()
     if scenario.draws_model:
+        plant = draw_plant(scenario, plant, rng, drawn)
         model = pack(plant)
         if (model.at, model.n_axial) != (known.model.at, known.model.n_axial):  # by rounding, of a cut on a frequency
             raise ConfigError(
@@ -127,23 +128,16 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     return Episode(p, v, reference, plant, prior, ticks, health, impulses, sensing, drawn)
 
 
-def drawn_plant(params: Params, drawn: Drawn) -> Params:
-    """Return the plant of an episode, made again of what it is before anything is drawn, and what was drawn.
-
-    Raises:
-        ValueError: for a factor or speed that no scenario draws.
-    """
-    for name, value in drawn.items():
-        if name.endswith(("_factor", "_speed_m_s")) and not 1.0e-3 < value < 1.0e3:
-            raise ValueError(f"drawn: {name} = {value}: no scenario draws that")
-    return _scaled(_at_speed(params, drawn), drawn)
-
-
 def noise_level(sensors: Sensors, fields: dict[str, Field]) -> Array:
     """Return the standard deviation (n_o,) of each number of the observation by its unit; the reference has none."""
-    level = {unit: getattr(sensors, kind) for unit, kind in _KINDS.items()}
-    if not any(level.values()):  # most scenarios, and looking at every number would take half of a draw
+    return _by_unit({kind: getattr(sensors, kind) for kind in _KINDS.values()}, fields)
+
+
+def _by_unit(values: dict[str, float], fields: dict[str, Field]) -> Array:
+    """Return a value (n_o,) for each measured number of the observation, by the kind of its unit; 0 for the others."""
+    if not any(values.values()):  # most scenarios, and looking at every number would take half of a draw
         return np.zeros(sum(field.size for field in fields.values()))
+    level = {unit: values[kind] for unit, kind in _KINDS.items()}
     return np.array([level[unit] if each.measured else 0.0 for each in fields.values() for unit in each.units])
 
 
@@ -152,92 +146,7 @@ def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, dr
     if scenario.speed is None:
         return params
     drawn["path_speed_m_s"] = rng.uniform(*scenario.speed)
-    return _at_speed(params, drawn)
-
-
-def _at_speed(params: Params, drawn: Drawn) -> Params:
-    """Return the parameters with the path speed that was drawn."""
-    speed = drawn.get("path_speed_m_s", params.path.speed)
-    return params.model_copy(update={"path": params.path.model_copy(update={"speed": speed})})
-
-
-def _draw_plant(scenario: Scenario, prior: Params, known: Nominal, rng: np.random.Generator, drawn: Drawn) -> Params:
-    """Return the plant that drawn factors make of the scenario's; the very object if none is drawn."""
-    plant = prior
-    if known.plant is not known.params:
-        plant = known.plant if scenario.speed is None else _at_speed(known.plant, drawn)
-    if not scenario.draws_model:
-        return plant
-    factors = scenario.plant
-    if factors.object is not None:
-        if prior.object is None:
-            raise ConfigError(f"{scenario.name}: plant.object: the robot carries no object")
-        drawn["object_factor"] = rng.uniform(*factors.object)
-    if factors.EI is not None:
-        drawn["EI_factor"] = rng.uniform(*factors.EI)
-    if factors.panel_mass is not None:
-        drawn["panel_mass_factor"] = rng.uniform(*factors.panel_mass)
-    if factors.link_mass is not None:
-        for arm in prior.arms:
-            drawn |= {_link_factor(arm, k): rng.uniform(*factors.link_mass) for k in range(len(arm.links))}
-    if factors.piezo is not None:
-        drawn["piezo_factor"] = rng.uniform(*factors.piezo)
-    if factors.thruster is not None:
-        drawn["thruster_factor"] = rng.uniform(*factors.thruster)
-    return _scaled(plant, drawn)
-
-
-def _scaled(prior: Params, drawn: Drawn) -> Params:
-    """Return the plant that drawn factors make of one before them."""
-    changes: dict[str, Any] = {"panel": _scaled_panel(prior.panel, drawn)}
-    changes["actuators"] = _scaled_actuators(prior.actuators, drawn)
-    changes["arms"] = tuple(_scaled_arm(arm, drawn) for arm in prior.arms)
-    if prior.object is not None:
-        factor = drawn.get("object_factor", 1.0)
-        scaled = {"mass": factor * prior.object.mass, "inertia": factor * prior.object.inertia}
-        changes["object"] = prior.object.model_copy(update=scaled)
-    return prior.model_copy(update=changes)
-
-
-def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
-    """Return the panels with drawn stiffness and mass.
-
-    The mode cuts go with the clamped frequencies, bending ones by ``sqrt(EI / mass)`` and axial ones by
-    ``sqrt(1 / mass)``, so that every plant has the modes of the prior.
-    """
-    stiffness, mass = drawn.get("EI_factor", 1.0), drawn.get("panel_mass_factor", 1.0)
-    scaled = {
-        "EI": stiffness * panel.EI,
-        "mass": mass * panel.mass,
-        "bending_cut": min(np.sqrt(stiffness / mass) * panel.bending_cut, LARGEST_CUT),
-        "axial_cut": min(np.sqrt(1.0 / mass) * panel.axial_cut, LARGEST_CUT),
-    }
-    return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
-
-
-def _scaled_actuators(actuators: ActuatorSection, drawn: Drawn) -> ActuatorSection:
-    """Return the actuators with drawn authority of the piezos and limits of the thrusters."""
-    force, thrust = drawn.get("piezo_factor", 1.0), drawn.get("thruster_factor", 1.0)
-    piezo = {"force": force * actuators.piezo.force, "moment": force * actuators.piezo.moment}
-    limits = {
-        "thruster_force": thrust * actuators.thruster_force,
-        "thruster_torque": thrust * actuators.thruster_torque,
-    }
-    return actuators.model_copy(update={"piezo": actuators.piezo.model_copy(update=piezo), **limits})
-
-
-def _scaled_arm(arm: Arm, drawn: Drawn) -> Arm:
-    """Return an arm whose links have drawn masses, and inertias to match."""
-    links = []
-    for k, link in enumerate(arm.links):
-        factor = drawn.get(_link_factor(arm, k), 1.0)
-        links.append(link.model_copy(update={"mass": factor * link.mass, "inertia": factor * link.inertia}))
-    return arm.model_copy(update={"links": tuple(links)})
-
-
-def _link_factor(arm: Arm, k: int) -> str:
-    """Return the name of the factor that is drawn of a link's mass."""
-    return f"{arm.name}_link{k + 1}_mass_factor"
+    return at_speed(params, drawn)
 
 
 def _match_path_speed(before: float, after: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
@@ -337,7 +246,7 @@ def _draw_impulses(
 
 
 def _draw_sensing(sensors: Sensors, fields: dict[str, Field], rng: np.random.Generator, drawn: Drawn) -> Sensing:
-    """Draw whether an episode measures late, and the key of its noise."""
+    """Draw whether an episode measures late, the key of its noise, and the steps of its sensors."""
     delay, key, level = 0, 0, noise_level(sensors, fields)
     if sensors.delay > 0.0:
         delay = int(rng.uniform() < sensors.delay)
@@ -345,4 +254,7 @@ def _draw_sensing(sensors: Sensors, fields: dict[str, Field], rng: np.random.Gen
     if level.any():
         key = int(rng.integers(1, KEYS))
         drawn["noise_key"] = float(key)
-    return Sensing(level, key, delay)
+    steps = dict.fromkeys(_KINDS.values(), 0.0)
+    for kind, ends in sensors.quantisation.drawn().items():
+        steps[kind] = drawn[f"{kind}_step_{_SUFFIXES[kind]}"] = rng.uniform(*ends)
+    return Sensing(level, key, delay, _by_unit(steps, fields), int(any(steps.values())))

@@ -57,7 +57,36 @@ class PanelMode(Section):
     amplitude: Amplitude = Field(description="transverse tip amplitude [m]")
 
 
+LagTime = Annotated[tuple[float, float], _within(0.0, 100.0)]  # s
+Step = Annotated[tuple[float, float], _within(0.0, 1.0e6)]  # V, N, N m, m, m/s, rad/s
+AngleStep = Annotated[tuple[float, float], _within(0.0, 1.0)]  # rad
+
 Changes = Annotated[tuple[Text, ...], at_most(MOST_CHANGES, "each is an assignment of one key")]
+
+
+class Draws(Section):
+    """Ends of uniform distributions by name; None is not drawn."""
+
+    def drawn(self) -> dict[str, tuple[float, float]]:
+        """Return the ends of what is drawn, in order."""
+        return {name: ends for name in type(self).model_fields if (ends := getattr(self, name)) is not None}
+
+
+class LagDraws(Draws):
+    """Time constants of actuators that lag behind, one for each group."""
+
+    piezo: LagTime | None = Field(default=None, description="of the piezos [s]")
+    thruster: LagTime | None = Field(default=None, description="of the thrusters [s]")
+    joint: LagTime | None = Field(default=None, description="of the joints [s]")
+
+
+class QuantisationDraws(Draws):
+    """Steps in which actuators can be commanded."""
+
+    piezo: Step | None = Field(default=None, description="of the piezos' voltage [V]")
+    thruster_force: Step | None = Field(default=None, description="of the force on each body axis [N]")
+    thruster_torque: Step | None = Field(default=None, description="of the torque on the base [N m]")
+    joint: Step | None = Field(default=None, description="of the joints' torque [N m]")
 
 
 class PlantFactors(Section):
@@ -70,16 +99,30 @@ class PlantFactors(Section):
     link_mass: Factor | None = Field(default=None, description="mass and inertia of each link, drawn for each [-]")
     piezo: Factor | None = Field(default=None, description="force and moment of the piezos at full voltage [-]")
     thruster: Factor | None = Field(default=None, description="limits of the thrusters [-]")
+    on_off: Probability | None = Field(default=None, description="part of the episodes with thrusters on or off [-]")
+    minimum_on_time: LagTime | None = Field(default=None, description="of thrusters that are on or off [s]")
+    lag: LagDraws = Field(default=LagDraws(), description="how the actuators lag behind")
+    quantisation: QuantisationDraws = Field(default=QuantisationDraws(), description="in which steps actuators act")
+
+
+class SensorSteps(Draws):
+    """Steps in which sensors give what they measure, drawn once an episode for each unit."""
+
+    position: Step | None = Field(default=None, description="of positions and displacements [m]")
+    angle: AngleStep | None = Field(default=None, description="of angles and slopes [rad]")
+    velocity: Step | None = Field(default=None, description="of velocities [m/s]")
+    rate: Step | None = Field(default=None, description="of angular rates [rad/s]")
 
 
 class Sensors(Section):
-    """Errors of the measured fields of the observation: white noise by unit, and a delay of one control period."""
+    """Errors of the measured fields of the observation: white noise by unit, a delay of one control period, steps."""
 
     position: Noise = Field(default=0.0, description="noise of positions and displacements, rms [m]")
     angle: AngleNoise = Field(default=0.0, description="noise of angles and slopes, rms [rad]")
     velocity: Noise = Field(default=0.0, description="noise of velocities, rms [m/s]")
     rate: Noise = Field(default=0.0, description="noise of angular rates, rms [rad/s]")
     delay: Probability = Field(default=0.0, description="part of the episodes that measure one period late [-]")
+    quantisation: SensorSteps = Field(default=SensorSteps(), description="steps of what is measured")
 
 
 class Fault(Section):

@@ -78,10 +78,11 @@ def measure_state(task, reference, des, p, v, energy, wrench, signals):
 
 
 @kernel
-def measure_command(task, applied, q_flex, quasi_static, signals):
-    """Fill the signals that depend on the applied command.
+def measure_command(task, asked, applied, q_flex, quasi_static, signals):
+    """Fill the signals that depend on the command.
 
-    task: the plant as a :class:`task_model.TaskModel`; applied: (n_u,) command after the limits.
+    task: the plant as a :class:`task_model.TaskModel`; asked: (n_u,) command within the limits, at one of which an
+    actuator is saturated; applied: (n_u,) what the actuators gave of it, whose size counts.
     q_flex, quasi_static: (3,) wrench of the panels on the base, and what is quasi-static of it [N, N, N m].
     signals: (N_SIGNALS,) written.
     """
@@ -91,7 +92,7 @@ def measure_command(task, applied, q_flex, quasi_static, signals):
     signals[PIEZO] = signals[THRUST] = signals[JOINT] = 0.0
     signals[SAT_PIEZO] = signals[SAT_THRUST] = signals[SAT_JOINT] = 0.0
     for k in range(at.end):
-        saturated = where((abs(applied[k]) >= limit[k]) & (limit[k] > 0.0), 1.0, 0.0)  # not the dead ones
+        saturated = where((abs(asked[k]) >= limit[k]) & (limit[k] > 0.0), 1.0, 0.0)  # not the dead ones
         if k < at.thrust:
             signals[PIEZO] += applied[k] * applied[k]
             signals[SAT_PIEZO] += saturated / at.thrust

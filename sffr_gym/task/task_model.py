@@ -66,7 +66,7 @@ def make_task_model(params: Params) -> TaskModel:
         steps=steps_in(model, period),
         integrator=INTEGRATORS[params.simulation.integrator],
         limits=Limits(limits.tip * params.panel.length, limits.arm_singularity, limits.grasp_gap),
-        scale=actuators.limit.copy(),
+        scale=actuators.rated.copy(),
         at=observation_index(fields),
         bound=np.concatenate([np.full(field.size, field.bound) for field in fields.values()]),
         weights=reward_weights(params),

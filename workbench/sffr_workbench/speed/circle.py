@@ -18,6 +18,7 @@ from sffr_baselines.laws import LawPolicy
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
 from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.physics.actuators import state_size
 from sffr_gym.physics.integrator import ETDRK4, step_shapes
 from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.physics.model import joint_slice, object_slice
@@ -67,13 +68,13 @@ class Loop:
     """
 
     def __init__(self, course: Course, plant: TaskModel, law: Law, record: Record) -> None:
-        self._start = course.p, course.v, course.obs, *make_states(law, 1)
+        self._start = course.p, course.v, np.zeros(state_size(len(law.scale))), course.obs, *make_states(law, 1)
         self._state = tuple(each.copy() for each in self._start)
-        p, v, obs, *states = self._state
+        p, v, actuation, obs, *states = self._state
         self._outcome, episode = np.zeros(2), course.episode
         self._run = run.bind(
             plant, episode.reference, episode.sensing, episode.impulses, law, new_workspace(loop_shapes(plant, law)), 0,
-            course.ticks, p, v, obs, LawState(*states), record, self._outcome,
+            course.ticks, p, v, actuation, obs, LawState(*states), record, self._outcome,
         )  # fmt: skip
 
     def __call__(self) -> tuple[int, int]:

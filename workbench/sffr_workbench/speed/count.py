@@ -19,6 +19,7 @@ import numpy as np
 from sffr_baselines import make_policy
 from sffr_baselines.control_law import control, law_shapes, make_states, perceive, state_at
 from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.physics.actuators import state_size
 from sffr_gym.physics.dynamics import accelerations
 from sffr_gym.physics.integrator import advance
 from sffr_gym.task.control_period import control_period, observe_state, period_shapes
@@ -131,8 +132,9 @@ def operations() -> dict[str, dict[str, int]]:
     plant, reference, law, state, work = map(counting, (course.plant, course.reference, law, state, work))
     p, v, obs = counting(course.p), counting(course.v), counting(course.obs)
     period = counting(new_workspace(period_shapes(course.plant)))
-    tau, out, signals, command, wrench = (
-        counting(np.zeros(size)) for size in (n, n, N_SIGNALS, len(course.plant.scale), 3)
+    n_u = len(course.plant.scale)
+    tau, out, signals, command, actuation, wrench = (
+        counting(np.zeros(size)) for size in (n, n, N_SIGNALS, n_u, state_size(n_u), 3)
     )
     model, inner = plant.model, period.step.dynamics
     parts: dict[str, Callable[[], Any]] = {
@@ -141,7 +143,7 @@ def operations() -> dict[str, dict[str, int]]:
         "view": lambda: observe_state(plant, reference, Counted(0.1), p, v, period, obs, signals),
         "law": lambda: (perceive(law, obs, state, work), control(law, state, work, command)),
         "plant": lambda: control_period(
-            plant, reference, Counted(0.1), p, v, command, wrench, period, obs, signals
+            plant, reference, Counted(0.1), p, v, command, actuation, wrench, period, obs, signals
         ),
     }  # fmt: skip
     counts = {}
