@@ -32,7 +32,10 @@ LOOP = {  # file: function: what it computes
         "condense_bent": "d'Alembert", "_move_inward": "d'Alembert", "_stiffen": "curvature", "_factor": "Cholesky",
         "_solve": "Cholesky", "tip_foreshortening": "tip", "panel_inertia": "energy",
     },
-    f"{PHYSICS}/actuators.py": {"pack_actuators": "15", "generalized_forces": "14"},
+    f"{PHYSICS}/actuators.py": {
+        "pack_actuators": "15", "generalized_forces": "14", "modulate": "PWPF", "quantise": "steps", "_follow": "lag",
+        "_lag": "lag",
+    },
     f"{TASK}/reference.py": {"circle_reference": "formation", "desired": "path"},
     f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
     f"{TASK}/signals.py": {"measure_state": "signals", "measure_command": "signals", "_bending": "signals"},
@@ -42,8 +45,9 @@ LOOP = {  # file: function: what it computes
     f"{TASK}/control_period.py": {"control_period": "wrench"},
     f"{TASK}/disturbances.py": {"impulse_wrench": "impulse", "_add_pair": "noise"},
     f"{LAWS}/mic.py": {
-        "mic": "9, 12", "_links": "41", "_grip_forces": "9-11", "_reach": "12", "_inverse_dynamics": "6, 7, 13",
+        "ask": "9, 12", "answer": "12", "_links": "41", "_grip_forces": "9-11", "_reach": "12", "_inverse_dynamics": "6, 7, 13",
     },
+    f"{LAWS}/free_floating.py": {"float_base": "momentum", "_solve": "Cramer"},
     f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
     f"{LAWS}/regulator.py": {
         "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
@@ -67,12 +71,16 @@ PERIOD = [
 TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
     f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
-    f"{PHYSICS}/actuators.py": ["test_actuators.py"],
+    f"{PHYSICS}/actuators.py": [
+        "test_actuators.py", "test_actuation.py", "-k",
+        "not environments and not keeps_valves and not diverges and not loop and not sensors and not half and not what_was",
+    ],
     f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
     f"{TASK}/observation.py": ["test_observation.py"],
     f"{TASK}/signals.py": PERIOD, f"{TASK}/quasi_static.py": PERIOD, f"{TASK}/status.py": PERIOD,
     f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
     f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
+    f"{LAWS}/free_floating.py": ["test_free_floating.py", "-k", "tracked and none"],
     f"{LAWS}/mic.py": ["test_mic.py"], f"{LAWS}/suppression.py": ["test_suppression.py"],
     f"{LAWS}/regulator.py": ["test_regulator.py", "-k", "not ahsc"],  # whole circles take the interpreter minutes
     f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
