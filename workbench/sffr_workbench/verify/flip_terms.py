@@ -45,7 +45,8 @@ LOOP = {  # file: function: what it computes
     f"{TASK}/control_period.py": {"control_period": "wrench"},
     f"{TASK}/disturbances.py": {"impulse_wrench": "impulse", "_add_pair": "noise"},
     f"{LAWS}/mic.py": {
-        "ask": "9, 12", "answer": "12", "_links": "41", "_grip_forces": "9-11", "_reach": "12", "_inverse_dynamics": "6, 7, 13",
+        "ask": "9, 12", "answer": "12", "_links": "41", "_grip_forces": "9-11", "_reach": "12",
+        "_inverse_dynamics": "6, 7, 13",
     },
     f"{LAWS}/free_floating.py": {"float_base": "momentum", "_solve": "Cramer"},
     f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
@@ -73,7 +74,7 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
     f"{PHYSICS}/actuators.py": [
         "test_actuators.py", "test_actuation.py", "-k",
-        "not environments and not keeps_valves and not diverges and not loop and not sensors and not half and not what_was",
+        "not environments and not valves and not diverges and not loop and not sensors and not half and not what_was",
     ],
     f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
     f"{TASK}/observation.py": ["test_observation.py"],
