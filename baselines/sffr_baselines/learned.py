@@ -17,6 +17,7 @@ from pydantic import Field
 
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
 from sffr_baselines.laws import LawPolicy
+from sffr_baselines.own_law import UnfitError
 from sffr_baselines.scheduled import action_names, observation_names, scheduled_law
 from sffr_gym.config.files import write_whole
 from sffr_gym.config.params import Params
@@ -133,11 +134,11 @@ class LearnedSchedule:
         """Return the schedule and its law as one compiled policy for ``SFFRFlex-v0``.
 
         Raises:
-            ConfigError: if the robot has other panels or damped coordinates than the schedule was made for.
+            UnfitError: if the robot has other panels or damped coordinates than the schedule was made for.
         """
         law = scheduled_law(prior, self.law, self.rho, self.agent_period, self.base_tolerance)
         if (observation_names(prior), action_names(prior, law)) != (self.obs_names, self.action_names):
-            raise ConfigError(
+            raise UnfitError(
                 f"{name} was made for a robot with the observations {', '.join(self.obs_names)} and the actions "
                 f"{', '.join(self.action_names)}"
             )
@@ -176,7 +177,7 @@ def load_schedule(name: str | os.PathLike[str]) -> LearnedSchedule:
         ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is not a policy of
             this format.
     """
-    file = policy_file(name)
+    file = learned_file(name)
     if file is None:
         shipped = shipped_policies()
         raise ConfigError(
@@ -234,7 +235,7 @@ def shipped_policies() -> dict[str, Path]:
     return {file.stem: file for file in sorted((config_dir() / "policies").glob(f"*{SUFFIX}"))}
 
 
-def policy_file(name: str | os.PathLike[str]) -> Path | None:
+def learned_file(name: str | os.PathLike[str]) -> Path | None:
     """Return the file of a learned policy, given by its path or a shipped name; None for anything else."""
     name = os.fspath(name)
     return Path(name) if name.endswith(SUFFIX) else shipped_policies().get(name)

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from sffr_baselines.laws import ORACLES, LawPolicy, OraclePolicy, make_law
-from sffr_baselines.learned import SUFFIX, load_schedule, policy_file, shipped_policies
+from sffr_baselines.learned import SUFFIX, learned_file, load_schedule, shipped_policies
+from sffr_baselines.own_files import make_own, own_file, own_name, own_title
 from sffr_baselines.stability import MARGIN, sampled_growth
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -78,22 +79,25 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
     """Build a policy for ``SFFRFlex-v0``.
 
     Args:
-        name: a key of :data:`POLICIES`, or the path of a learned policy's ``.npz`` file.
+        name: a key of :data:`POLICIES`, the path of a learned policy's ``.npz`` file, or a law of your own as
+            ``mine.py:MyLaw``; see :class:`own_law.ControlLaw`.
         env: environment, single or vector, or ``Params``: what the controller believes of the robot.
 
     Raises:
         ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is no policy for this
-            robot.
+            robot; an :class:`own_law.UnfitError` if it is one, but of another robot.
 
     Warns:
         UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.
     """
     name = os.fspath(name)
     prior: Params = env if isinstance(env, Params) else env.unwrapped.params
-    if policy_file(name) is not None:
+    if own_name(name) is not None:
+        return make_own(name, prior)
+    if learned_file(name) is not None:
         return load_schedule(name).policy(prior, policy_title(name))
     if name not in POLICIES:
-        known = f"{', '.join(POLICIES)}, or an {SUFFIX} file"
+        known = f"{', '.join(POLICIES)}, an {SUFFIX} file, or a law of your own as mine.py:MyLaw"
         raise ConfigError(f"unknown policy {name!r}{did_you_mean(name, POLICIES)} (known: {known})")
     if name == "random":
         return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
@@ -103,8 +107,20 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
 
 
 def policy_title(name: str) -> str:
-    """Return what tables call a policy: its name; of a file its folder's name and its own, ``seed0/best``."""
+    """Return what tables call a policy: its name; of a file its folder's name and its own; of a law its class's."""
+    if own := own_name(name):
+        return own_title(own)
     return "/".join(Path(name).with_suffix("").parts[-2:]) if name.endswith(SUFFIX) else name
+
+
+def policy_file(name: str) -> Path | None:
+    """Return the file that decides what a policy does, of a learned one or a law of your own; None for the others.
+
+    Raises:
+        ConfigError: for a law whose file is not there.
+    """
+    own = own_name(name)
+    return learned_file(name) if own is None else own_file(own)
 
 
 def check_titles(names: Sequence[str]) -> None:

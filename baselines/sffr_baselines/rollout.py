@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,24 +11,26 @@ import numpy as np
 from sffr_baselines.closed_loop import Record, loop_shapes, make_record, run
 from sffr_baselines.control_law import make_states
 from sffr_baselines.laws import LawPolicy, OraclePolicy
+from sffr_baselines.own_law import OwnPolicy
 from sffr_baselines.policies import Policy
+from sffr_baselines.stepping import Episodes
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.actuators import state_size
-from sffr_gym.physics.kinematics import tip_deflections
 from sffr_gym.task.control_period import observe_states, period_shapes
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.metrics import instability, measure
 from sffr_gym.task.observation import Field
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.score import Result
-from sffr_gym.task.signals import N_SIGNALS, SIGNALS
+from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.status import REASONS, RUNNING
 from sffr_gym.task.task_model import make_task_model
 from sffr_gym.types import Array
 
 STRIDE = 25  # control periods between recorded states: 50 ms at the default period
+SIDE_BY_SIDE = 16  # episodes of a law of one's own that are stepped together
 PIECE = 2000  # control periods between two reports of progress
 LARGEST_RECORD = 2.0  # GiB that an episode may leave: half a day of the case study
 
@@ -69,7 +71,7 @@ class Trajectory:
 
 
 def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None) -> Trajectory:
-    """Run one episode: in the compiled loop if the policy is one of the paper's laws, else through the interface.
+    """Run one episode: in the compiled loop if the policy is one of the paper's laws, else step by step.
 
     Args:
         env: the bare environment.
@@ -78,28 +80,56 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
         progress: called with the number of control periods done since its last call.
 
     Raises:
-        ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then.
+        ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then. Of a law
+            of one's own that fails, with file and line.
         ValueError: for a law of a robot that has other observations or actuators.
     """
+    report = progress or (lambda _: None)
+    if isinstance(policy, OwnPolicy):
+        return next(rollouts(env, policy, [seed], report))
     obs, _ = env.reset(seed=seed)
     policy.reset(seed=seed)
     if isinstance(policy, OraclePolicy):
         policy.set_plant(env.plant)
-    ticks = env.ticks
-    _check_memory(env, ticks)
-    record = make_record(env.plant_task, ticks, STRIDE)
-    report = progress or (lambda _: None)
+    _check_memory(env, env.ticks)
     if isinstance(policy, LawPolicy):
-        done, failure = _run_compiled(env, policy, obs, ticks, record, report)
-    else:
-        done, failure = _run_stepwise(env, policy, obs, ticks, record, report)
+        record = make_record(env.plant_task, env.ticks, STRIDE)
+        done, failure = _run_compiled(env, policy, obs, env.ticks, record, report)
+        return _trajectory(env, policy.name, seed, env.episode, record, done, failure)
+    ((episode, record, done, failure),) = Episodes(env, [seed]).run(lambda obs: policy(obs[0])[None], STRIDE, report)
+    return _trajectory(env, policy.name, seed, episode, record, done, failure)
+
+
+def rollouts(
+    env: SFFRFlexEnv, policy: Policy, seeds: Sequence[int], progress: Progress | None = None
+) -> Iterator[Trajectory]:
+    """Run episodes, of a law of one's own many side by side, and yield each as :func:`rollout` returns it."""
+    if not isinstance(policy, OwnPolicy):
+        for seed in seeds:
+            yield rollout(env, policy, seed, progress)
+        return
+    for first in range(0, len(seeds), SIDE_BY_SIDE):
+        own = list(seeds[first : first + SIDE_BY_SIDE])
+        for seed in own:
+            env.reset(seed=seed)
+            _check_memory(env, env.ticks * len(own))
+        policy.begin(own)
+        ended = Episodes(env, own).run(policy, STRIDE, progress or (lambda _: None))
+        for seed, (episode, record, done, failure) in zip(own, ended, strict=True):
+            yield _trajectory(env, policy.name, seed, episode, record, done, failure)
+
+
+def _trajectory(
+    env: SFFRFlexEnv, name: str, seed: int, episode: Episode, record: Record, done: int, failure: str
+) -> Trajectory:
+    """Return what an episode of ``done`` control periods left."""
     rows = (done - 1) // STRIDE + 1
-    kept = {name: getattr(record, name)[:rows] for name in Record._fields[3:]}
+    kept = {field: getattr(record, field)[:rows] for field in Record._fields[3:]}
     return Trajectory(
-        policy=policy.name, scenario=env.scenario.name, seed=seed, period=env.plant_task.period,
+        policy=name, scenario=env.scenario.name, seed=seed, period=env.plant_task.period,
         signals=record.signals[:done], tips=record.tips[:done],
         t=np.linspace(0.0, (rows - 1) * STRIDE * env.plant_task.period, rows), **kept,
-        episode=env.episode, fields=env.fields, failure=failure,
+        episode=episode, fields=env.fields, failure=failure,
     )  # fmt: skip
 
 
@@ -148,26 +178,3 @@ def _run_compiled(
         progress(int(outcome[0]) - done)
         done = int(outcome[0])
     return done, REASONS[float(outcome[1])]
-
-
-def _run_stepwise(
-    env: SFFRFlexEnv, policy: Policy, obs: Array, ticks: int, record: Record, progress: Progress
-) -> tuple[int, str]:
-    """Step through the Gymnasium interface, for any policy."""
-    for tick in range(ticks):
-        row, keep = tick // STRIDE, tick % STRIDE == 0
-        if keep:
-            record.p[row], record.v[row], record.obs[row] = env.positions, env.velocities, obs
-            record.B_hat[row] = np.nan  # not a law with a virtual damping
-        obs, _, terminated, _, info = env.step(policy(obs))
-        record.signals[tick] = [info[name] for name in SIGNALS]
-        record.tips[tick] = tip_deflections(env.plant_task.model, env.positions[None])[0]
-        if keep:
-            record.applied[row] = info["applied"]
-            record.q_flex[row] = np.nan
-            record.lam[row] = np.nan
-        if (tick + 1) % PIECE == 0:
-            progress(PIECE)
-        if terminated:
-            return tick + 1, str(info["failure"])
-    return ticks, ""

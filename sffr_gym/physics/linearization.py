@@ -170,7 +170,7 @@ def linear_model(
 
     def force(command: Array) -> Array:
         tau = np.zeros(n)
-        generalized_forces(model, actuators, command, tau)
+        generalized_forces(model, actuators, np.where(actuators.limit > 0.0, command, 0.0), tau)  # of those there are
         return tau
 
     def all_of(p: Array, v: Array, tau: Array) -> Array:

@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import sffr_baselines
 import sffr_gym
-from sffr_baselines.learned import file_hash, policy_file
+from sffr_baselines.own_files import own_name
+from sffr_baselines.own_law import UnfitError
 from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
-from sffr_baselines.rollout import result_of, rollout
+from sffr_baselines.rollout import SIDE_BY_SIDE, result_of, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import to_json
@@ -32,7 +34,7 @@ from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario,
 from sffr_gym.task.score import Result
 from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_parts, remove_rows, row_files, write_row
 from sffr_workbench.common import Progress, end_with_parent, ignore, interrupts_ignored
-from sffr_workbench.evaluation import PLAN_FILE, Identity, read_record, with_oracles
+from sffr_workbench.evaluation import PLAN_FILE, Identity, file_hashes, read_record, with_oracles
 
 MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
 _NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder may hold more than a plan runs
@@ -42,7 +44,7 @@ _NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder ma
 class Plan:
     """What a benchmark runs."""
 
-    policies: tuple[str, ...]  #: names, or ``.npz`` files of learned ones
+    policies: tuple[str, ...]  #: names, ``.npz`` files of learned ones, laws of your own as ``mine.py:MyLaw``
     scenarios: tuple[str, ...]  #: shipped names, or files
     episodes: int  #: of each policy in each scenario; one stands for all where a scenario draws nothing
     seed: int  #: of the first one, the next one has the next number
@@ -94,12 +96,25 @@ class Plan:
 
     def identity(self) -> Identity:
         """Return what episodes must agree in to stand in one table: version, code, parameters, scenarios, files."""
-        files = {policy_title(name): file for name in self.policies if (file := policy_file(name))}
         return Identity(
             version=package_version("sffr-gym"), code=code_hash(), config_hash=self.params.hash(),
             scenarios={each.name: each.hash(self.params) for each in map(load_scenario, self.scenarios)},
-            policies={title: file_hash(file) for title, file in files.items()},
+            policies=file_hashes(self.policies),
         )  # fmt: skip
+
+
+def unfit_policies(policies: Sequence[str], scenarios: Sequence[str], params: Params) -> dict[str, str]:
+    """Return the policies that cannot control the robot of one of the scenarios, and why; raises ConfigError."""
+    unfit: dict[str, str] = {}
+    robots = list(dict.fromkeys(load_scenario(name).robot_of(params) for name in scenarios))
+    for name in policies:
+        for robot in robots:
+            try:
+                make_policy(name, robot)
+            except UnfitError as error:
+                unfit[name] = str(error)
+                break
+    return unfit
 
 
 def code_hash() -> str:
@@ -146,10 +161,12 @@ def run_episodes(
     return [found[task] for task in plan.tasks]
 
 
-def run_episode(task: Task, params: Params) -> Result:
-    """Run one episode."""
-    trajectory = rollout(_environment(task.scenario, params), _policy(task.policy, task.scenario, params), task.seed)
-    return result_of(trajectory)
+def run_tasks(tasks: Sequence[Task], params: Params) -> list[Result]:
+    """Run episodes of one policy in one scenario; those of a law of your own side by side."""
+    scenario, name, _ = tasks[0]
+    seeds, file = [task.seed for task in tasks], file_hashes([name])
+    trajectories = rollouts(_environment(scenario, params), _policy(name, scenario, params), seeds)
+    return [replace(result_of(each), file=file.get(policy_title(name), "")) for each in trajectories]
 
 
 def _finish(files: Mapping[Task, Path], params: Params, jobs: int) -> Iterator[Task]:
@@ -160,15 +177,29 @@ def _finish(files: Mapping[Task, Path], params: Params, jobs: int) -> Iterator[T
     own = {"initializer": end_with_parent, "initargs": (os.getpid(),)} if jobs > 1 else {}
     workers = Parallel(n_jobs=jobs, return_as="generator_unordered", **own)
     with interrupts_ignored():
-        started = workers(delayed(_run_and_keep)(task, params, file) for task, file in files.items())
+        started = workers(
+            delayed(_run_and_keep)(group, params, [files[task] for task in group]) for group in _groups(files, jobs)
+        )
     with closing(started) as finished:
-        yield from finished
+        for group in finished:
+            yield from group
 
 
-def _run_and_keep(task: Task, params: Params, file: Path) -> Task:
-    """Run an episode and write its file."""
-    write_row(file, run_episode(task, params))
-    return task
+def _groups(tasks: Iterable[Task], jobs: int) -> list[list[Task]]:
+    """Return what a worker runs at once: episodes of a law of your own side by side, others one by one."""
+    groups: list[list[Task]] = []
+    for (_, policy), each in itertools.groupby(tasks, lambda task: task[:2]):
+        same = list(each)
+        size = min(SIDE_BY_SIDE, -(-len(same) // jobs)) if own_name(policy) else 1
+        groups += [same[k : k + size] for k in range(0, len(same), size)]
+    return groups
+
+
+def _run_and_keep(tasks: Sequence[Task], params: Params, files: Sequence[Path]) -> Sequence[Task]:
+    """Run episodes and write their files."""
+    for file, result in zip(files, run_tasks(tasks, params), strict=True):
+        write_row(file, result)
+    return tasks
 
 
 @functools.lru_cache(maxsize=2)

@@ -17,6 +17,7 @@ from sffr_gym.envs.arguments import resolve_params, resolve_robot
 from sffr_gym.task.scenario import EVALUATION_SEED, load_scenario, scenario_names
 from sffr_gym.task.score import WEIGHTS
 from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite
+from sffr_workbench.benchmark.episodes import unfit_policies
 from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
@@ -50,7 +51,11 @@ def add_commands(app: typer.Typer) -> None:
 def benchmark_command(
     policies: Annotated[
         list[str] | None,
-        argument("[POLICY...]", "Policies to run, or .npz files of learned ones.", " ".join(default_policies())),
+        argument(
+            "[POLICY...]",
+            "Policies to run, .npz files of learned ones, laws of your own as mine.py:MyLaw.",
+            " ".join(default_policies()),
+        ),
     ] = None,
     scenarios: Annotated[
         list[str] | None, option("--scenario -s", "Shipped name or YAML file; repeatable.", "S", "all shipped")
@@ -82,10 +87,12 @@ def benchmark_command(
     """
     notes, results = consoles(quiet)
     figures = figures and can_draw(notes)
-    plan = Plan(
-        tuple(policies or default_policies()), tuple(scenarios or scenario_names()), episodes, seed,
-        resolve_params(params, overrides or []),
-    )  # fmt: skip
+    asked, chosen = policies or list(default_policies()), tuple(scenarios or scenario_names())
+    robot = resolve_params(params, overrides or [])
+    unfit = unfit_policies(asked, chosen, robot)
+    for reason in unfit.values():
+        notes.print(f"skipped: {reason}", style="yellow", markup=False, soft_wrap=True)
+    plan = Plan(tuple(name for name in asked if name not in unfit), chosen, episodes, seed, robot)
     for each in map(load_scenario, plan.scenarios):
         each.robot_of(plan.params, overrides or [])  # or refuse, before anything runs
     again = "the same command without --overwrite" if overwrite else "the same command"

@@ -26,8 +26,9 @@ from sffr_workbench.evaluation.run import DEFAULT_EPISODES
 from sffr_workbench.figures import draw_episode_figures
 
 _LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
-_POLICY_HELP = "Policies to compare; one of your own by its [bold].npz[/] file.\n\n" + "\n\n".join(
-    f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items()
+_POLICY_HELP = (
+    "Policies to compare; a learned one by its [bold].npz[/] file, a law of your own as [bold]mine.py:MyLaw[/].\n\n"
+    + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items())
 )
 
 

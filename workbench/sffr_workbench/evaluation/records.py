@@ -26,6 +26,8 @@ from sffr_gym.task.status import REASONS
 
 SUMMARY_FILE, PLAN_FILE, EPISODES_FILE = "summary.json", "plan.json", "episodes.csv"
 KEYS = ("scenario", "policy", "seed")  # of an episode
+FILE = "policy_file"  # column of the hash of a policy's file, where one has a file
+OWN = (*KEYS, *MEASURES, "failure", FILE)  # columns of an episode; the others are what the scenario drew
 LONGEST_NAME = 520  # characters, of a policy: those of its file and its folder
 FAILURES = tuple(REASONS.values())
 _WHOLE, _NUMBER = re.compile(r"-?[0-9]{1,20}"), re.compile(r"-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?")  # as Python writes
@@ -47,6 +49,7 @@ class Episode(Section):
     measures: Measures = Field(description="of the episode")
     failure: str = Field(description="why it ended early")
     drawn: dict[str, float] = Field(description="what the scenario drew")
+    file: str = Field(default="", pattern="[0-9a-f]*", description="hash of the policy's file")
 
     @field_validator("scenario", "policy")
     @classmethod
@@ -71,7 +74,7 @@ class Episode(Section):
     def result(self) -> Result:
         """Return the episode; a measure that was not finite is NaN."""
         measures = {name: nan if value is None else value for name, value in dict(self.measures).items()}
-        return Result(self.scenario, self.policy, self.seed, measures, self.failure, self.drawn)
+        return Result(self.scenario, self.policy, self.seed, measures, self.failure, self.drawn, self.file)
 
 
 class Summary(Section):
@@ -195,7 +198,7 @@ def _check_complete(results: list[Result], file: Path) -> None:
 
 def _read_row(row: Mapping[str, str], where: str) -> Result:
     """Return the result of a row of the episodes' file."""
-    drawn = {name: text for name, text in row.items() if name not in (*KEYS, *MEASURES, "failure") and text}
+    drawn = {name: text for name, text in row.items() if name not in OWN and text}
     data = {
         "scenario": row["scenario"],
         "policy": row["policy"],
@@ -203,6 +206,7 @@ def _read_row(row: Mapping[str, str], where: str) -> Result:
         "measures": {name: _value(row[name]) if row[name] else None for name in MEASURES},
         "failure": row["failure"],
         "drawn": {name: _value(text) for name, text in drawn.items()},
+        "file": row.get(FILE, ""),
     }
     return build(Episode, data, lambda key: where).result()
 

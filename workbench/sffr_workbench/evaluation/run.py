@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
 from sffr_baselines.laws import ORACLES
-from sffr_baselines.policies import Policy, check_titles, make_policy
-from sffr_baselines.rollout import Trajectory, result_of, rollout
+from sffr_baselines.learned import file_hash
+from sffr_baselines.own_law import UnfitError
+from sffr_baselines.policies import Policy, check_titles, make_policy, policy_file, policy_title
+from sffr_baselines.rollout import Trajectory, result_of, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.envs.arguments import ParamsLike, resolve_robot
@@ -36,6 +38,8 @@ class Evaluation:
     seed: int
     results: dict[str, list[Result]]  #: by policy, in the order of the episodes
     first: dict[str, Trajectory]  #: the first episode of each policy, for pictures
+    files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
+    skipped: dict[str, str]  #: policies that cannot control this robot, and why
     started: datetime  #: when
     elapsed: float  #: how long it took [s]
 
@@ -59,6 +63,8 @@ class EvaluationPlan:
     """What an evaluation runs; everything that can be told before anything runs is valid."""
 
     policies: tuple[Policy, ...]  #: in the order of tables, oracles among them
+    files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
+    skipped: dict[str, str]  #: policies that cannot control this robot, and why
     file: str | os.PathLike[str]  #: the scenario's name or file
     scenario: Scenario
     params: Params
@@ -81,9 +87,10 @@ def plan_evaluation(
     """
     chosen = load_scenario(scenario)
     resolved = resolve_robot(chosen, params, list(overrides))
-    runners = make_policies(with_oracles(policies, chosen), resolved)
+    runners, skipped = fitting_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
-    return EvaluationPlan(tuple(runners), scenario, chosen, resolved, asked.episodes, asked.seed)
+    files = {title: each for title, each in file_hashes(policies).items() if title not in skipped}
+    return EvaluationPlan(tuple(runners), files, skipped, scenario, chosen, resolved, asked.episodes, asked.seed)
 
 
 def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluation:
@@ -106,15 +113,17 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
     results: dict[str, list[Result]] = {policy.name: [] for policy in plan.policies}
     first: dict[str, Trajectory] = {}
     for k, policy in enumerate(plan.policies):
-        for i in range(episodes):
-            begun = ends[-1] * k + ends[i]
-            progress(policy.name, begun, total)
-            trajectory = rollout(env, policy, plan.seed + i, episode_progress(progress, policy.name, begun, total))
+        progress(policy.name, ends[-1] * k, total)
+        report = episode_progress(progress, policy.name, ends[-1] * k, total)
+        for trajectory in rollouts(env, policy, range(plan.seed, plan.seed + episodes), report):
             first.setdefault(policy.name, trajectory)
-            results[policy.name].append(result_of(trajectory))
+            own = plan.files.get(policy.name, "")
+            results[policy.name].append(replace(result_of(trajectory), file=own))
     progress(plan.policies[-1].name, total, total)
     elapsed = time.perf_counter() - clock
-    return Evaluation(plan.scenario, plan.params, episodes, plan.seed, results, first, started, elapsed)
+    return Evaluation(
+        plan.scenario, plan.params, episodes, plan.seed, results, first, plan.files, plan.skipped, started, elapsed
+    )  # fmt: skip
 
 
 def evaluate(
@@ -129,8 +138,8 @@ def evaluate(
     """Run policies on the same episodes of a scenario.
 
     Args:
-        policies: names, or ``.npz`` files of learned ones. Where a scenario's plant is not what the controllers
-            believe, HSC and AHSC run with the right model as well.
+        policies: names, ``.npz`` files of learned ones, or laws of your own as ``mine.py:MyLaw``. Where a scenario's
+            plant is not what the controllers believe, HSC and AHSC run with the right model as well.
         scenario: a shipped scenario's name or a file.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
@@ -167,8 +176,11 @@ def episode_progress(progress: Progress, policy: str, begun: int, total: int) ->
     return count
 
 
-def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
-    """Build the policies.
+def fitting_policies(names: Sequence[str], params: Params) -> tuple[list[Policy], dict[str, str]]:
+    """Build the policies that can control a robot.
+
+    Returns:
+        The policies, and of those that cannot what tables call them, and why.
 
     Raises:
         ConfigError: if there is none, for an unknown one and for one that is given twice.
@@ -176,7 +188,34 @@ def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
     if not names:
         raise ConfigError("no policy given")
     check_titles(names)
-    return [make_policy(name, params) for name in names]
+    policies: list[Policy] = []
+    skipped: dict[str, str] = {}
+    for name in names:
+        try:
+            policies.append(make_policy(name, params))
+        except UnfitError as error:
+            skipped[policy_title(name)] = str(error)
+    if not policies:
+        raise ConfigError("\n".join(skipped.values()))
+    return policies, skipped
+
+
+def file_hashes(names: Sequence[str]) -> dict[str, str]:
+    """Return the hash of each policy's file, by what tables call it, of those that have one."""
+    files = {policy_title(name): policy_file(name) for name in names}
+    return {title: file_hash(file) for title, file in files.items() if file is not None}
+
+
+def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
+    """Build the policies.
+
+    Raises:
+        ConfigError: if there is none, for an unknown one, one that is given twice or cannot control the robot.
+    """
+    policies, skipped = fitting_policies(names, params)
+    if skipped:
+        raise UnfitError("\n".join(skipped.values()))
+    return policies
 
 
 def _length(env: SFFRFlexEnv, seed: int) -> int:

@@ -15,7 +15,7 @@ from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import Result
 from sffr_workbench.evaluation.recording import Recording, recording_name
-from sffr_workbench.evaluation.records import EPISODES_FILE, KEYS, SUMMARY_FILE
+from sffr_workbench.evaluation.records import EPISODES_FILE, FILE, KEYS, SUMMARY_FILE
 from sffr_workbench.evaluation.run import Evaluation
 
 FIGURE_FILES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
@@ -56,11 +56,14 @@ def episodes_csv(rows: Sequence[Result]) -> str:
     drawn = list(dict.fromkeys(name for row in rows for name in row.drawn))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*KEYS, *MEASURES, "failure", *drawn])
+    file = [FILE] if any(row.file for row in rows) else []
+    writer.writerow([*KEYS, *MEASURES, "failure", *file, *drawn])
     for row in rows:
         values = [value if isfinite(value := row.measures[name]) else "" for name in MEASURES]
         draws = (row.drawn.get(name, "") for name in drawn)
-        writer.writerow([row.scenario, row.policy, row.seed, *values, row.failure, *draws])
+        writer.writerow(
+            [row.scenario, row.policy, row.seed, *values, row.failure, *([row.file] if file else []), *draws]
+        )
     return text.getvalue()
 
 
@@ -68,6 +71,8 @@ def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
     """Return what it takes to repeat a run: versions, code, configuration, seeds, command."""
     return origin(command, evaluation.started, evaluation.elapsed) | {
         "policies": list(evaluation.results),
+        "policy_files": evaluation.files,
+        "skipped": evaluation.skipped,
         "seeds": [evaluation.seed + i for i in range(evaluation.episodes)],
         "scenario": evaluation.scenario.model_dump(mode="json"),
         "scenario_hash": evaluation.scenario.hash(evaluation.params),

@@ -65,7 +65,7 @@ def summary_table(evaluation: Evaluation, width: int = 100) -> Table:
 
 def summary_remarks(evaluation: Evaluation) -> list[str]:
     """Return what a reader of the table has to know besides: failures, saturation, what the laws leave undamped."""
-    lines = []
+    lines = [f"skipped: {reason}" for reason in evaluation.skipped.values()]
     for policy, results in evaluation.results.items():
         reasons = [result.failure for result in results if result.failure]
         for reason in dict.fromkeys(reasons):
