@@ -66,11 +66,12 @@ def episodes_of(plan, folder, jobs, **options):
         return run_episodes(plan, run, jobs, **options)
 
 
-def die_in_the_middle(task, params, file):
+def die_in_the_middle(tasks, params, files):
     """Stand in for a worker's job: one episode kills its worker."""
+    (task,) = tasks
     if (task.policy, task.seed) == ("ahsc", SEED + 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return episodes._run_and_keep(task, params, file)
+    return episodes._run_and_keep(tasks, params, files)
 
 
 def kept(folder):

@@ -29,7 +29,7 @@ class Result:
     measures: dict[str, float]  #: the values of ``metrics.MEASURES``
     failure: str  #: why it failed; empty if it did not
     drawn: dict[str, float]  #: what the scenario drew
-    file: str = ""  #: hash of the file that decides what the policy does; empty for the shipped laws
+    file: str = ""  #: hash of the file that the policy was given by; empty for a shipped one
 
 
 Results = Mapping[str, Sequence[Result]]  # by policy, each with the same episodes of one scenario in the same order

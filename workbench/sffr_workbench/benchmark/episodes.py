@@ -34,7 +34,7 @@ from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario,
 from sffr_gym.task.score import Result
 from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_parts, remove_rows, row_files, write_row
 from sffr_workbench.common import Progress, end_with_parent, ignore, interrupts_ignored
-from sffr_workbench.evaluation import PLAN_FILE, Identity, file_hashes, read_record, with_oracles
+from sffr_workbench.evaluation import PLAN_FILE, Identity, file_hashes, given_files, read_record, with_oracles
 
 MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
 _NAMED = {"scenarios": "scenario", "policies": "policy"}  # of which a folder may hold more than a plan runs
@@ -164,7 +164,7 @@ def run_episodes(
 def run_tasks(tasks: Sequence[Task], params: Params) -> list[Result]:
     """Run episodes of one policy in one scenario; those of a law of your own side by side."""
     scenario, name, _ = tasks[0]
-    seeds, file = [task.seed for task in tasks], file_hashes([name])
+    seeds, file = [task.seed for task in tasks], file_hashes(given_files([name]))
     trajectories = rollouts(_environment(scenario, params), _policy(name, scenario, params), seeds)
     return [replace(result_of(each), file=file.get(policy_title(name), "")) for each in trajectories]
 

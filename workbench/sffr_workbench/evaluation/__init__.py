@@ -21,6 +21,7 @@ from sffr_workbench.evaluation.run import (
     episode_progress,
     evaluate,
     file_hashes,
+    given_files,
     make_policies,
     plan_evaluation,
     run_evaluation,
@@ -32,8 +33,8 @@ from sffr_workbench.evaluation.summary import COLUMNS, summary_remarks, summary_
 __all__ = [
     "COLUMNS", "EPISODES_FILE", "FIGURE_FILES", "PLAN_FILE", "SUMMARY_FILE", "Episode", "Evaluation", "EvaluationPlan",
     "Identity", "Manifest", "Recording", "actuator_limits", "check_record", "episode_progress", "episodes_csv",
-    "evaluate", "file_hashes", "make_policies", "open_run", "plan_evaluation", "read_episodes", "read_manifest",
-    "read_record",
-    "recorded_signals", "recording_files", "run_evaluation", "run_names", "scenario_hashes", "summary_remarks",
+    "evaluate", "file_hashes", "given_files", "make_policies", "open_run", "plan_evaluation", "read_episodes",
+    "read_manifest", "read_record", "recorded_signals",
+    "recording_files", "run_evaluation", "run_names", "scenario_hashes", "summary_remarks",
     "summary_table", "with_oracles", "write_run",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import file_hash
 from sffr_baselines.own_law import UnfitError
-from sffr_baselines.policies import Policy, check_titles, make_policy, policy_file, policy_title
+from sffr_baselines.policies import POLICIES, Policy, check_titles, make_policy, policy_file, policy_title
 from sffr_baselines.rollout import Trajectory, result_of, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
@@ -89,7 +89,7 @@ def plan_evaluation(
     resolved = resolve_robot(chosen, params, list(overrides))
     runners, skipped = fitting_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
-    files = {title: each for title, each in file_hashes(policies).items() if title not in skipped}
+    files = {title: each for title, each in file_hashes(given_files(policies)).items() if title not in skipped}
     return EvaluationPlan(tuple(runners), files, skipped, scenario, chosen, resolved, asked.episodes, asked.seed)
 
 
@@ -204,6 +204,11 @@ def file_hashes(names: Sequence[str]) -> dict[str, str]:
     """Return the hash of each policy's file, by what tables call it, of those that have one."""
     files = {policy_title(name): policy_file(name) for name in names}
     return {title: file_hash(file) for title, file in files.items() if file is not None}
+
+
+def given_files(names: Sequence[str]) -> list[str]:
+    """Return the policies that are given by a file of the user's, not by a shipped name."""
+    return [name for name in names if name not in POLICIES]
 
 
 def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
