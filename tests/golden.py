@@ -128,11 +128,13 @@ def evaluation(policies: list[str], scenario: str, episodes: int) -> Case:
 def gathered(rows: list[tuple[Any, dict[str, Any]]]) -> Case:
     """Observations and infos of many steps, each quantity as one array."""
     case: Case = {"obs": np.array([obs for obs, _ in rows])}
-    for name in sorted({name for _, info in rows for name in info} - {"drawn", "_drawn", "failure"}):
+    names = {name for _, info in rows for name in info if not name.startswith(("drawn_", "_drawn_"))}
+    for name in sorted(names - {"failure"}):
         values = [np.asarray(info[name], dtype=np.float64).ravel() for _, info in rows if name in info]
         case[name] = np.concatenate(values)
     reasons = [np.vectorize(lambda code: str(Failure(code)), otypes=[object])(info["failure"]) for _, info in rows]
-    for name, values in ("failure", reasons), ("drawn", [info.get("drawn", {}) for _, info in rows]):
+    drawn = [{name.replace("drawn_", "", 1): info[name] for name in info if name not in names} for _, info in rows]
+    for name, values in ("failure", reasons), ("drawn", drawn):
         case[name] = json.dumps(values, default=lambda value: value.tolist())
     return case
 

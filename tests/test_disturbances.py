@@ -129,7 +129,7 @@ def test_delay_shows_the_robot_of_a_period_ago(user_scenario):
     """Late sensors show the last state against the present desired one; the reference's motion is not late."""
     env, late, infos = run(user_scenario(sensors={"delay": 1}), 30)
     _, clean, clean_infos = run("nominal", 30)
-    assert infos[0]["drawn"] == {"delay_periods": 1.0}
+    assert infos[0]["drawn_delay_periods"] == 1.0 and env.episode.drawn == {"delay_periods": 1.0}
     assert [info["object_error"] for info in infos] == [info["object_error"] for info in clean_infos]
     at = {name: field.slice for name, field in env.fields.items()}
     np.testing.assert_array_equal(late[0], clean[0])  # nothing older is known
@@ -151,7 +151,7 @@ def test_half_of_the_noisy_episodes_are_late():
     for seed in range(12):
         _, info = env.reset(seed=seed)
         obs = env.step(np.zeros(N_ACTIONS))[0]
-        lags.setdefault(info["drawn"]["delay_periods"], []).append(obs[env.fields["object_error"].start])
+        lags.setdefault(info["drawn_delay_periods"], []).append(obs[env.fields["object_error"].start])
     np.testing.assert_allclose(lags[0.0], 0.0, atol=5e-4)  # five times the noise
     np.testing.assert_allclose(lags[1.0], 1.7e-3, atol=5e-4)
 
@@ -162,8 +162,8 @@ def test_blows_change_the_momentum_by_their_impulse(user_scenario, yaw):
     file = user_scenario(duration=0.3, impulses={"count": 3, "linear": 2.0, "angular": 0.5})
     start = f"initial.q=[0.3, -0.2, {yaw}, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]", "initial.qd=[0, 0, 0, 0, 0, 0, 0, 0, 0]"
     env = SFFRFlexEnv(file, overrides=["object=null", *start])
-    _, info = env.reset(seed=2)
-    simulator, drawn = Simulator(env.params), info["drawn"]
+    env.reset(seed=2)
+    simulator, drawn = Simulator(env.params), env.episode.drawn
     expected = np.zeros((150, 3))
     for k in range(3):
         tick = round(drawn[f"impulse{k}_time_s"] / 2e-3)
@@ -191,7 +191,7 @@ def test_blows_hit_a_batch_as_they_hit_one(user_scenario):
         env = SFFRFlexEnv(name)
         assert load_scenario(name).impulses.count == count
         _, infos = many.reset(seed=7, options={"scenario": name})
-        assert sum(key.endswith("_time_s") and key[0] != "_" for key in infos["drawn"]) == count
+        assert sum(key.endswith("_time_s") and key[0] != "_" for key in infos if key.startswith("drawn_")) == count
         env.reset(seed=8)
         for _ in range(50):
             obs = many.step(np.zeros((3, N_ACTIONS)))[0]

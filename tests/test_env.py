@@ -158,10 +158,11 @@ def test_info_has_constant_keys_and_types(scenario):
     env = SFFRFlexEnv(scenario)
     _, first = env.reset(seed=0)
     keys = {*SIGNALS, *(f"reward_{name}" for name in REWARDS), "time", "clipped", "failure", "cost", "applied"}
-    assert set(first) - {"drawn"} == keys and ("drawn" in first) == (scenario != "nominal")
+    drawn = {f"drawn_{name}" for name in env.episode.drawn}
+    assert set(first) == keys | drawn and bool(drawn) == (scenario not in ("nominal",))
+    assert {type(value) for value in first.values()} <= {int, float, np.ndarray}
     for *_, info in [*rollout(env, actions_of(env, 300, size=5.0)), (env.reset()[1],)]:
         assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
-        assert list(info.get("drawn", {})) == list(first.get("drawn", {}))
 
 
 @pytest.mark.parametrize("size", [0.1, 1.2])
@@ -242,8 +243,8 @@ def test_unknown_arguments_raise():
 def test_options_and_overrides_take_effect():
     """`options` change the scenario for good; `overrides` and `params` build another robot."""
     env = SFFRFlexEnv("nominal")
-    assert env.reset(seed=0, options={"scenario": "offset"})[1]["drawn"]
-    assert env.reset(seed=0)[1]["drawn"], "the scenario stays"
+    assert env.reset(seed=0, options={"scenario": "offset"})[1].keys() & {f"drawn_{name}" for name in env.episode.drawn}
+    assert env.episode.drawn and env.reset(seed=0)[1]["drawn_offset_m"], "the scenario stays"
     free = SFFRFlexEnv(params=env.params, overrides=["object=null"])
     obs, _ = free.reset(seed=0)
     assert free.params.object is None and free.fields["object_error"].size == 0

@@ -257,7 +257,8 @@ def test_the_plant_is_simulated_as_a_robot_of_its_parameters(user_scenario):
     changes += ["arms.2.links.0.mass=6", "arms.2.links.0.inertia=0.2", "arms.3.links.0.mass=4"]
     changes += ["arms.3.links.0.inertia=0.1", f"panel.axial_cut={1e4 * math.sqrt(0.5)!r}"]
     same, other = SFFRFlexEnv(overrides=changes), SFFRFlexEnv()
-    assert env.reset(seed=0)[1]["drawn"] and env.plant == same.params
+    env.reset(seed=0)
+    assert env.episode.drawn and env.plant == same.params
     outputs = [[each.reset(seed=0)[0] for each in (env, same, other)]]
     for action in np.random.default_rng(1).uniform(-0.1, 0.1, (30, 15)):
         steps = [each.step(action) for each in (env, same, other)]

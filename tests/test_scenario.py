@@ -126,10 +126,10 @@ def test_offset_is_what_the_policy_sees():
     """The object's error at the start is minus the drawn shift and turn."""
     env = SFFRFlexEnv("offset")
     obs, info = env.reset(seed=5)
-    drawn, fields = info["drawn"], env.fields
-    shift = drawn["offset_m"] * np.array([np.cos(drawn["offset_direction_rad"]), np.sin(drawn["offset_direction_rad"])])
+    fields, direction = env.fields, info["drawn_offset_direction_rad"]
+    shift = info["drawn_offset_m"] * np.array([np.cos(direction), np.sin(direction)])
     np.testing.assert_allclose(obs[fields["object_error"].slice], -shift, rtol=0, atol=1e-14)
-    assert obs[fields["object_angle_error"].start] == pytest.approx(-drawn["offset_angle_rad"], abs=1e-14)
+    assert obs[fields["object_angle_error"].start] == pytest.approx(-info["drawn_offset_angle_rad"], abs=1e-14)
     assert np.abs(obs[fields["object_error_rate"].slice]).max() < 1e-14
 
 
@@ -258,5 +258,5 @@ def test_more_elements_have_more_modes(user_scenario):
         user_scenario(panel_modes=[{"mode": 3, "amplitude": [0.01, 0.01]}]), overrides=["panel.elements=2"]
     )
     _, info = env.reset(seed=1)
-    state, phase = env.state(), info["drawn"]["panel0_mode3_phase_rad"]
+    state, phase = env.state(), info["drawn_panel0_mode3_phase_rad"]
     assert state.qf[0, -2] == pytest.approx(0.01 * np.cos(phase), rel=1e-9)

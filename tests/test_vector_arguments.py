@@ -45,8 +45,8 @@ def test_every_environment_needs_a_reset_before_it_steps():
 def test_a_new_scenario_replaces_what_was_drawn():
     """Info names the draws of the present scenario alone."""
     env = SFFRFlexVectorEnv(2, scenario="excited")
-    assert any(key.startswith("panel0") for key in env.reset(seed=0)[1]["drawn"])
-    assert "drawn" not in env.reset(seed=0, options={"scenario": "nominal"})[1]
+    assert any(key.startswith("drawn_panel0") for key in env.reset(seed=0)[1])
+    assert not any(key.startswith("drawn_") for key in env.reset(seed=0, options={"scenario": "nominal"})[1])
     assert env.scenario.name == "nominal"
 
 

@@ -21,7 +21,6 @@ from sffr_gym.envs.arguments import check_options
 from sffr_gym.envs.infos import Infos
 from sffr_gym.envs.spaces import check_action
 from sffr_gym.task.reward import REWARDS
-from sffr_gym.task.status import Failure
 from sffr_gym.types import Array
 
 TRACKING = REWARDS.index("tracking")
@@ -162,13 +161,7 @@ def _split(infos: Infos, n: int) -> list[dict[str, Any]]:
     for key, values in infos.items():
         if key.startswith(("_", "final_")):
             continue
-        entries: list[Any]
-        if isinstance(values, dict):
-            entries = _split(values, n)
-        elif key == "failure":
-            entries = [Failure(value) for value in values]
-        else:
-            entries = values.tolist() if values.ndim == 1 else [row.copy() for row in values]
+        entries = values.tolist() if values.ndim == 1 else [row.copy() for row in values]
         for i in np.flatnonzero(infos[f"_{key}"]).tolist():
             found[i][key] = entries[i]
     return found

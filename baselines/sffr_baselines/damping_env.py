@@ -115,7 +115,8 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
     As in ``SFFRFlex-v0``; truncates after ``duration``. After that nothing moves, and the reward is 0.
 
     ## Arguments
-    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``, ``render_every``: as in ``SFFRFlex-v0``.
+    - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``, ``render_every``, ``texts``: as in
+      ``SFFRFlex-v0``.
     - ``law``: ``hsc`` or ``ahsc``.
     - ``rho``: largest factor; 1/rho is the smallest.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
@@ -142,6 +143,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         base_tolerance: float | None = None,
         dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
+        texts: bool = False,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
@@ -150,7 +152,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
                 loop cannot run.
         """
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
-        super().__init__(scenario, params, overrides, render_mode, render_every=render_every)
+        super().__init__(scenario, params, overrides, render_mode, render_every=render_every, texts=texts)
         self._renderer = make_renderer(self._nominal_plant, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
@@ -196,7 +198,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         max_episode_steps: episodes are truncated after so many actions, or when ``duration`` is over; None or -1 for no
             limit beside that.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
-        scenario, params, overrides, render_mode, render_every: as for the single one.
+        scenario, params, overrides, render_mode, render_every, texts: as for the single one.
         law, rho, agent_period, duration, random_phase, base_tolerance, dtype: likewise.
     """
 
@@ -221,12 +223,13 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
         base_tolerance: float | None = None,
         dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
+        texts: bool = False,
     ) -> None:
         """Build the environments; raises as :class:`SFFRFlexDampingEnv` and :class:`SFFRFlexVectorEnv` do."""
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(
             num_envs, scenario=scenario, params=params, overrides=overrides, render_mode=render_mode,
-            render_every=render_every, autoreset_mode=autoreset_mode,
+            render_every=render_every, autoreset_mode=autoreset_mode, texts=texts,
         )  # fmt: skip
         self._renderers = make_renderers(num_envs, self._nominal_plant, render_mode, render_every, damped=True)
         self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)

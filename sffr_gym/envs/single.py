@@ -27,12 +27,11 @@ from sffr_gym.task.episode import Episode, draw
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.signals import SIGNALS
-from sffr_gym.task.status import RUNNING, Failure
+from sffr_gym.task.status import RUNNING, failure_text
 from sffr_gym.task.task_model import TaskModel, plant_of
 from sffr_gym.types import Array
 
 MEASURED = (*SIGNALS, *(f"reward_{name}" for name in REWARDS))  # keys of an info
-FAILURES = tuple(Failure)  # by their number
 
 
 class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
@@ -88,10 +87,11 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     ## Info
     Numbers and arrays of numbers, with the same keys and types at every reset and step of a scenario: each measure of
     ``task.SIGNALS`` (of the true state; the saturated fractions of piezos, thrusters and joints among them),
-    ``reward_<name>``, ``time`` [s], ``clipped``, ``failure`` (a ``task.status.Failure``: 0 for none, ``str()`` gives
-    the reason), ``applied`` (the command after the limits), ``drawn`` (what the scenario drew, by name with unit;
-    absent where it draws nothing) and ``cost``, for safe reinforcement learning: 1 in a period in which an actuator is
-    at its limit or that ends the episode in a failure, else 0.
+    ``reward_<name>``, ``time`` [s], ``clipped``, ``failure`` (0 for none; ``task.status.Failure(number)`` is its name,
+    ``failure_text`` beside it the reason in words), ``applied`` (the command after the limits), ``drawn_<name>`` (each
+    number that the scenario drew, its unit at the end of its name) and ``cost``, for safe reinforcement learning: 1 in
+    a period in which an actuator is at its limit or that ends the episode in a failure, else 0. With ``texts`` there is
+    ``failure_text`` too.
 
     ## Starting state
     Drawn from the scenario, as is what happens afterwards: ``nominal`` is Table IV, ``excited`` has swinging panels,
@@ -117,6 +117,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
       that follows the simulation in real time. Needs the extra ``render``.
     - ``dtype``: of the observation, ``float64`` or ``float32``. The state is float64 in any case.
     - ``render_every``: time between two pictures [s]; 0 for one of every step, such as for observations of pixels.
+    - ``texts``: let infos hold texts too, which many tools for arrays cannot take.
 
     What is given can be neither set nor changed afterwards, but the scenario by ``reset(options={"scenario": ...})``.
 
@@ -146,6 +147,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         dtype: DTypeLike = "float64",
         render_every: float = RENDER_EVERY,
+        texts: bool = False,
     ) -> None:
         """Build the environment; see the class for the arguments.
 
@@ -159,7 +161,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(
                 f"render_mode must be one of {[None, *self.metadata['render_modes']]}, got {render_mode!r}"
             )
-        self.render_mode = render_mode
+        self.render_mode, self._texts = render_mode, texts
         self._settle(scenario, params, overrides)
         self._plant_task = self._nominal_plant
         self.action_space, self.observation_space = make_spaces(self.prior_task, observation_type(dtype))
@@ -315,8 +317,10 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         batch, drawn = self._batch, self.episode.drawn
         info: dict[str, Any] = dict(zip(MEASURED, [*batch.signals[0].tolist(), *batch.terms[0].tolist()], strict=True))
         info["time"], info["clipped"] = self.time, int(batch.clipped[0])
-        info["failure"], info["cost"] = FAILURES[batch.status[0]], float(batch.cost[0])
+        info["failure"], info["cost"] = int(batch.status[0]), float(batch.cost[0])
         info["applied"] = batch.applied[0].copy()
-        if drawn:
-            info["drawn"] = dict(drawn)
+        for name, value in drawn.items():
+            info[f"drawn_{name}"] = value
+        if self._texts:
+            info["failure_text"] = failure_text(info["failure"])
         return info

@@ -49,7 +49,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         num_envs: number of environments.
         max_episode_steps: episodes are truncated after so many steps, or when the scenario's time is over; None or -1
             for no limit beside that.
-        scenario, params, overrides, dtype, render_every: as for the single environment.
+        scenario, params, overrides, dtype, render_every, texts: as for the single environment.
         render_mode: None or ``rgb_array``, see :meth:`render`.
         autoreset_mode: what happens after the end of an episode, see ``gymnasium.vector.AutoresetMode``: ``NEXT_STEP``
             (the next step resets and ignores its action), ``SAME_STEP`` (the observation returned is that of the new
@@ -76,6 +76,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         dtype: DTypeLike = "float64",
         render_every: float = RENDER_EVERY,
+        texts: bool = False,
     ) -> None:
         """Build the environments.
 
@@ -91,7 +92,7 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         self.num_envs = num_envs = int(num_envs)
-        self.render_mode = render_mode
+        self.render_mode, self._texts = render_mode, texts
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self._settle(scenario, params, overrides)
         spaces = make_spaces(self.prior_task, observation_type(dtype))
@@ -337,4 +338,4 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
 
     def _infos(self, mask: Mask) -> Infos:
         """The single environment's info, an array and a mask for each key."""
-        return batch_infos(self._batch, self.prior_task.period, self._drawn, mask)
+        return batch_infos(self._batch, self.prior_task.period, self._drawn, mask, self._texts)

@@ -44,6 +44,11 @@ class Failure(IntEnum):
         return format(str(self), form)
 
 
+def failure_text(number: int) -> str:
+    """Return the reason of a :class:`Failure` in words; empty for none."""
+    return REASONS[number]
+
+
 @kernel
 def status_of(task, p, v, work, obs):
     """Say whether a finite state lies in the model's range, and clip its observation to its bounds.
