@@ -5,7 +5,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints.txt
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints-dev.txt
 INSTALL := $(PIP) --no-build-isolation --editable
 # What building the package needs, of pyproject.toml: the kernels are compiled with the versions that are tested.
 NEEDS := import shutil, tomllib; link = [] if any(map(shutil.which, ("cc", "gcc", "clang"))) else ["ziglang"]; read = tomllib.load(open("pyproject.toml", "rb")); own = read["project"]; print(*read["build-system"]["requires"], *own["dependencies"], *own["optional-dependencies"]["compile"], *link, sep="\n")
@@ -94,23 +94,23 @@ clean: ## remove the virtual environment, tool caches and build products, but no
 	find $(ROOMS) -name __pycache__ -prune -exec rm -rf {} +
 
 # What is installed is installed again when the list of dependencies or of their versions changes, and only then.
-$(VENV)/.needs: pyproject.toml constraints.txt | $(BIN)/pip
+$(VENV)/.needs: pyproject.toml constraints.txt constraints-dev.txt | $(BIN)/pip
 	@echo "Installing what the package is built with into $(VENV) ..."
 	@$(BIN)/python -c '$(NEEDS)' > $@.txt
 	@$(PIP) -r $@.txt
 	@touch $@
 
-$(VENV)/.run: pyproject.toml constraints.txt | $(VENV)/.needs
+$(VENV)/.run: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package into $(VENV), and compiling its kernels ..."
 	@$(INSTALL) ".[plot,report]"
 	@touch $@
 
-$(VENV)/.verify: pyproject.toml constraints.txt | $(VENV)/.needs
+$(VENV)/.verify: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package and the engines that it is checked against into $(VENV) ..."
 	@$(INSTALL) ".[verify]"
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/.needs
+$(VENV)/.dev: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
 	@$(INSTALL) ".[dev]"
 	@touch $@ $(VENV)/.run $(VENV)/.verify

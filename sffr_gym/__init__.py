@@ -29,14 +29,19 @@ else:
 
 
 if "SFFRFlex-v0" not in gymnasium.registry:
-    # No max_episode_steps: the environment itself truncates when its scenario's time is over.
+    # No max_episode_steps: the environment itself truncates when its scenario's time is over. No wrappers: it checks
+    # actions and the order of calls itself, and help(env) is that of the environment.
     gymnasium.register(
         id="SFFRFlex-v0",
         entry_point="sffr_gym.envs.single:SFFRFlexEnv",
         vector_entry_point="sffr_gym.envs.vector:SFFRFlexVectorEnv",
+        order_enforce=False,
+        disable_env_checker=True,
     )
     gymnasium.register(  # one list of the project's ids; nothing of the baselines is imported before it is made
         id="SFFRFlexDamping-v0",
         entry_point="sffr_baselines.damping_env:SFFRFlexDampingEnv",
         vector_entry_point="sffr_baselines.damping_env:SFFRFlexDampingVectorEnv",
+        order_enforce=False,
+        disable_env_checker=True,
     )

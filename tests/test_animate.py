@@ -311,7 +311,9 @@ def test_pyav_that_cannot_be_loaded_is_an_error(monkeypatch):
         encoding.choose_codec(200, 200, 20)
 
 
-@pytest.mark.parametrize("suffix,missing,extra", [(".gif", "PIL", "render"), (".mp4", "av", "video")])
+@pytest.mark.parametrize(
+    "suffix,missing,extra", [(".gif", "PIL", "render"), (".mp4", "av", "video"), (".mp4", "PIL", "video")]
+)
 def test_missing_extra_says_what_to_install(monkeypatch, tmp_path, suffix, missing, extra):
     found = extras.find_spec
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name == missing else found("sys"))

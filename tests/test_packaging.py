@@ -58,10 +58,11 @@ made: gym.Env[np.ndarray, np.ndarray] = gym.make("SFFRFlex-v0", scenario="excite
 """  # --strict demands each of these errors: what is Any has none, and the comment would be unused
 
 
-def pins():
-    """Return {canonical name: version} of constraints.txt."""
-    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    pairs = [re.fullmatch(r"([\w.-]+)==([\w.!]+)", line) for line in lines if line and not line.startswith("#")]
+def pins(*names):
+    """Return {canonical name: version} of constraints.txt and constraints-dev.txt, or of one of them."""
+    files = [ROOT / name for name in names or ("constraints.txt", "constraints-dev.txt")]
+    lines = [line for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    pairs = [re.fullmatch(r"([\w.-]+)==([\w.!]+)", line) for line in lines if line and not line.startswith(("#", "-c"))]
     return {canonicalize_name(pair[1]): pair[2] for pair in pairs}
 
 
@@ -176,6 +177,18 @@ def test_pins_are_allowed_by_the_project(text):
         assert requirement.extras <= EXTRAS.keys()
     else:
         assert requirement.specifier.contains(pins()[canonicalize_name(requirement.name)])
+
+
+def test_constraints_of_users_leave_to_other_clients_what_these_hold():
+    """RLlib one release of gymnasium, the RL Zoo older releases of two others; developers have them pinned."""
+    users, developers = pins("constraints.txt"), pins("constraints-dev.txt")
+    assert not users.keys() & {"gymnasium", "pillow", "python-dateutil", "pytest", "ruff", "sphinx"}
+    assert {"gymnasium", "pillow", "python-dateutil", "pytest"} <= developers.keys()
+    assert not users.keys() & developers.keys()
+    assert "-c constraints.txt" in (ROOT / "constraints-dev.txt").read_text(encoding="utf-8").splitlines()
+    extras = [name for name in EXTRAS if name not in ("docs", "dev", "record", "all")]
+    needed = {Requirement(each).name for name in extras for each in EXTRAS[name]} - {"sffr-gym", "pillow", "gymnasium"}
+    assert {canonicalize_name(name) for name in needed} <= users.keys()
 
 
 @pytest.mark.parametrize("module", [*PACKAGES, "sffr_workbench.cli.app"])

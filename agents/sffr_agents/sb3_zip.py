@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sffr_gym.config.reading import open_archive, read_bytes, read_member
+from sffr_gym.config.reading import open_archive, parse_json, read_bytes, read_member
 from sffr_gym.config.strict_yaml import ConfigError
 
 WEIGHTS = "policy.pth"  # all networks together
+DATA = "data"  # settings as JSON, pickles as texts among them
 MOST_ZIP = 400_000_000  # bytes; optimisers, which are not read, take twice the weights
 MOST_WEIGHTS = 100_000_000  # bytes; 25 million weights
+MOST_DATA = 30_000_000  # bytes; a plain one has 50,000
 MOST_PICKLE = 1_000_000  # bytes; that of the shipped configurations has 3,000
 MOST_AXES = 8  # of a tensor
 TYPES = {
@@ -54,6 +56,25 @@ def read_weights(file: Path) -> dict[str, np.ndarray]:
             return _read_tensors(archive)
     except Exception as error:  # zipfile, zlib and pickle have no common error for damaged bytes
         raise ConfigError(f"{file}: is no zip of Stable-Baselines3, or is damaged: {first_line(error)}") from None
+
+
+def read_data(file: Path) -> dict[str, Any]:
+    """Return what a zip says of its model, as plain values; what is pickled stays a text.
+
+    Raises:
+        ConfigError: if the file cannot be read, is too large, or is damaged or anything else.
+    """
+    content = read_bytes(file, MOST_ZIP)
+    try:
+        with open_archive(content, MOST_ZIP) as archive:
+            if DATA not in archive.namelist():
+                raise ValueError(f"it has no {DATA}")
+            found = parse_json(_read(archive, archive.getinfo(DATA), MOST_DATA).decode("utf-8"), DATA)
+    except Exception as error:  # as above
+        raise ConfigError(f"{file}: is no zip of Stable-Baselines3, or is damaged: {first_line(error)}") from None
+    if not isinstance(found, dict):
+        raise ConfigError(f"{file}: is no zip of Stable-Baselines3: its {DATA} is no mapping")
+    return found
 
 
 def first_line(error: Exception) -> str:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import DTypeLike
 
@@ -47,6 +47,9 @@ class DampingEnvironment(RobotEnvironment):
     _duration: float | None
     _random_phase: bool
 
+    def _told(self) -> dict[str, object]:
+        return super()._told() | {"law": self.law_name, "rho": self.law.schedule.rho}
+
     def _distribution(self, scenario: Scenario) -> Scenario:
         return training_scenario(scenario, self._duration, self._random_phase)
 
@@ -72,7 +75,7 @@ class DampingEnvironment(RobotEnvironment):
         super()._put(kept, checked)
 
 
-class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
+class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np.ndarray]):  # skrl reads the bases
     """The task of ``SFFRFlex-v0`` with a controller inside: an agent chooses how strongly it damps the panels.
 
     ## Description
@@ -177,6 +180,9 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
     def _observed(self) -> np.ndarray:
         return self._damping.features[0].astype(self.observation_space.dtype)
 
+    def _longest(self) -> int:
+        return -(-super()._longest() // self.law.schedule.hold)
+
     def _acting(self) -> Array:
         return self.damping[None, :, TRANSVERSE]
 
@@ -184,7 +190,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv):
         return super()._info() | {"damping": self.damping}
 
 
-class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv):
+class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many independent ``SFFRFlexDamping-v0`` environments, advanced by one compiled call for each action.
 
     Spaces, reward and episode as in :class:`SFFRFlexDampingEnv`; seeds, autoreset and infos as in

@@ -15,6 +15,7 @@ from sffr_baselines.settings import load_regulator_weights, load_tuned_damping
 from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_suppression
 from sffr_gym.compile.kernels import Call
 from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.config.notebook import Shown
 from sffr_gym.config.params import Params
 from sffr_gym.config.sections import Control, Observer
 from sffr_gym.physics.actuators import pack_actuators
@@ -39,7 +40,7 @@ NOISE = Observer(  # of the scenario `noise`, and accelerations that let integra
 )
 
 
-class LawPolicy:
+class LawPolicy(Shown):
     """A controller of the paper or its kin: MIC for the rigid part, virtual damping or feedback for the panels.
 
     Args:
@@ -55,6 +56,10 @@ class LawPolicy:
         self.name, self.law = name, law
         self.states: LawState | None = None
         self._call: Call | None = None
+
+    def _told(self) -> dict[str, object]:
+        observations, actions = self.law.at.reference_acceleration + 2, len(self.law.scale)
+        return {"name": self.name, "observations": observations, "actions": actions, "tick": self.tick}
 
     @property
     def B_hat(self) -> Array | None:

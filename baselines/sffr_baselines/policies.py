@@ -10,6 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sffr_baselines.adapted import BoxPolicy, policy_inside
+from sffr_baselines.damping_env import DampingEnvironment
 from sffr_baselines.laws import ORACLES, LawPolicy, OraclePolicy, make_law
 from sffr_baselines.learned import SUFFIX, learned_file, load_schedule, shipped_policies
 from sffr_baselines.own_files import make_own, own_file, own_name, own_title
@@ -75,24 +77,38 @@ class RandomPolicy:
         return self._rng.uniform(-1.0, 1.0, (*np.shape(obs)[:-1], self._n_actions))
 
 
-def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
-    """Build a policy for ``SFFRFlex-v0``.
+def make_policy(name: str | os.PathLike[str], env: Any, dtype: str = "float64") -> Policy:
+    """Build a policy for ``SFFRFlex-v0``, or for ``SFFRFlexDamping-v0`` a schedule of its law's damping.
 
     Args:
         name: a key of :data:`POLICIES`, the path of a learned policy's ``.npz`` file, or a law of your own as
             ``mine.py:MyLaw``; see :class:`own_law.ControlLaw`.
-        env: environment, single or vector, or ``Params``: what the controller believes of the robot.
+        env: environment, single or vector, wrapped or not, or ``Params``: what the controller believes of the robot. In
+            ``SFFRFlexDamping-v0`` a policy is a learned schedule, ``random``, or the law inside, which is action 0.
+        dtype: of the actions: ``float64`` as they are commanded, also beyond the limits; or ``float32`` to have them
+            rounded and clipped into the environment's action space, as tools that check it demand.
 
     Raises:
         ConfigError: for an unknown name (with the nearest one), or a file that cannot be read or is no policy for this
             robot; an :class:`own_law.UnfitError` if it is one, but of another robot.
+        ValueError: for another ``dtype``.
 
     Warns:
         UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.
     """
-    name = os.fspath(name)
-    prior: Params = env if isinstance(env, Params) else env.unwrapped.params
-    if own_name(name) is not None:
+    policy = _policy(os.fspath(name), env if isinstance(env, Params) else env.unwrapped)
+    if dtype not in ("float32", "float64"):
+        raise ValueError(f"dtype = {dtype!r}: must be float64 or float32")
+    return BoxPolicy(policy) if dtype == "float32" else policy
+
+
+def _policy(name: str, env: Any) -> Policy:
+    """Build a policy for a bare environment, or for parameters; see :func:`make_policy`."""
+    prior: Params = env if isinstance(env, Params) else env.params
+    inside, own = isinstance(env, DampingEnvironment), own_name(name)
+    if inside and name != "random" and (own or name in POLICIES or learned_file(name) is not None):
+        return policy_inside(name, policy_title(name), env)
+    if own is not None:
         return make_own(name, prior)
     if learned_file(name) is not None:
         return load_schedule(name).policy(prior, policy_title(name))
@@ -100,7 +116,7 @@ def make_policy(name: str | os.PathLike[str], env: Any) -> Policy:
         known = f"{', '.join(POLICIES)}, an {SUFFIX} file, or a law of your own as mine.py:MyLaw"
         raise ConfigError(f"unknown policy {name!r}{did_you_mean(name, POLICIES)} (known: {known})")
     if name == "random":
-        return RandomPolicy(len(pack_actuators(prior, pack(prior)).limit))
+        return RandomPolicy(len(env.action_names) if inside else len(pack_actuators(prior, pack(prior)).limit))
     policy = OraclePolicy(name, prior) if name in ORACLES.values() else LawPolicy(name, make_law(name, prior))
     _warn_if_unstable(policy)
     return policy
@@ -146,5 +162,5 @@ def _warn_if_unstable(policy: LawPolicy) -> None:
             f"{policy.name} is unstable: held for {law.period:g} s, the virtual damping suppression.B0 = "
             f"{law.B0.tolist()} lets a clamped panel's vibration grow {growth:.3g} times each period; shorten "
             "control.period, lower suppression.B0, or leave out fast modes with panel.bending_cut and panel.axial_cut",
-            stacklevel=3,
+            stacklevel=4,
         )

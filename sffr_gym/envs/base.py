@@ -8,8 +8,10 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
+from sffr_gym.config.notebook import Shown, card
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.template import contiguous
@@ -27,7 +29,7 @@ _DRAWN = "it is drawn at each reset from the scenario"
 _MOVING = "set_state() puts the environment into another state"
 
 
-class RobotEnvironment:
+class RobotEnvironment(Shown):
     """What an environment was built with can be read but not set, as it is read only once; its state can be both.
 
     Raises:
@@ -66,10 +68,22 @@ class RobotEnvironment:
         assert self._scenario is not None
         return self._scenario
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the scenario in words and the spaces as well."""
+        spaces = {name: _size(getattr(self, name)) for name in ("observation_space", "action_space")}
+        return card(type(self).__name__, self._told() | {"draws": self.scenario.description} | spaces)
+
+    def _told(self) -> dict[str, object]:
+        return {"scenario": self.scenario.name}
+
     @property
     def spec(self) -> EnvSpec | None:
-        """How Gymnasium made the environment, its arguments as plain values: ``spec.to_json()`` can write them."""
-        return self._spec
+        """How Gymnasium made the environment, its arguments as plain values: ``spec.to_json()`` can write them.
+
+        Of a single one, ``spec.max_episode_steps`` is the length of the scenario's longest episode. It is None in the
+        registry, since that depends on the scenario; the environment itself truncates.
+        """
+        return self._spec and replace(self._spec, max_episode_steps=self._spec.max_episode_steps or self._longest())
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
@@ -163,3 +177,12 @@ class RobotEnvironment:
     def _distribution(self, scenario: Scenario) -> Scenario:
         """What episodes are drawn from."""
         return scenario
+
+    def _longest(self) -> int | None:
+        """The number of steps of the longest episode; None if that is not told."""
+        return None
+
+
+def _size(space: Any) -> str:
+    """Return a box's shape and type in a few characters."""
+    return f"Box{space.shape} {np.dtype(space.dtype).name}"

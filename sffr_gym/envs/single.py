@@ -105,8 +105,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     ## Episode end
     Terminates, with the reason in ``info["failure"]``, when a panel's tip moves beyond a quarter of its length, a
     grasping arm gets singular, a grasp is lost, an observation leaves its bound, or the state is not finite. A state
-    that is not finite is never returned: the last finite one stays. Truncates when the scenario's time is over. Who
-    steps on without a reset goes on simulating.
+    that is not finite is never returned: the last finite one stays. Truncates when the scenario's time is over, after
+    ``env.spec.max_episode_steps`` at the latest. Who steps on without a reset goes on simulating.
 
     ## Arguments
     - ``scenario``: a shipped scenario's name, the path of a YAML file, a ``Scenario``, or a mapping of its keys.
@@ -284,6 +284,13 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
         """Put the plant at the start of an episode."""
         put_episode(self._batch, 0, episode)
         self._stepper.observe(0)
+
+    def _told(self) -> dict[str, object]:
+        time = None if self._episode is None else round(self.time, 6)
+        return super()._told() | {"time": time, "render_mode": self.render_mode}
+
+    def _longest(self) -> int:
+        return self._distribution(self.scenario).longest(self.params)
 
     def _make_stepper(self) -> Stepper:
         """Return what advances the batch of this one environment."""

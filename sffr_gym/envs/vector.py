@@ -225,6 +225,9 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
             raise AttributeError(f"{name} cannot be set for the environments of a batch: {known}")
         self.np_random = values
 
+    def _told(self) -> dict[str, object]:
+        return super()._told() | {"num_envs": self.num_envs, "autoreset_mode": self.autoreset_mode.value}
+
     def _kept(self) -> dict[str, Any]:
         return super()._kept() | {
             "fleet": self._fleet, "batch": self._batch, "rngs": self._rngs, "seeds": self._seeds, "drawn": self._drawn,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sffr_gym.config.notebook import Shown
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
@@ -65,7 +66,7 @@ class Applied(NamedTuple):
         return np.concatenate([self.volts.ravel(), self.base, self.joints])
 
 
-class Simulator:
+class Simulator(Shown):
     """The plant: rigid part, flexible panels, their coupling, pinned object, actuators with limits.
 
     Args:
@@ -94,6 +95,13 @@ class Simulator:
         self.model = pack(self.params)
         self.actuators = pack_actuators(self.params, self.model)
         self._beam = panel_beam(self.params)
+
+    def _told(self) -> dict[str, object]:
+        settings, (panels, modes) = self.params.simulation, self.model.omega2.shape
+        return {
+            "joints": len(self.model.link_mass), "panels": panels, "modes_per_panel": modes,
+            "object": self.params.object is not None, "coupling": settings.coupling, "integrator": settings.integrator,
+        }  # fmt: skip
 
     @cached_property
     def _plant(self) -> Plant:

@@ -216,6 +216,11 @@ class Scenario(Section):
             )
         return ceil(periods - 1e-9)
 
+    def longest(self, params: Params) -> int:
+        """Return the length in control periods of the longest episode: that of the slowest path."""
+        speed = min(self.speed) if self.speed is not None else params.path.speed
+        return self.ticks(params.model_copy(update={"path": params.path.model_copy(update={"speed": speed})}))
+
     def with_changes(self, **changes: Any) -> Scenario:
         """Return the scenario with other values, which are checked; raises ConfigError."""
         return build(Scenario, self.model_dump() | changes, lambda key: f"scenario {self.name}")

@@ -151,7 +151,12 @@ def export_command(
     source: Annotated[Path, argument("SOURCE", "Run folder of sffr train, or an SB3 zip.")],
     out: Annotated[Path, option("--out -o", "Where the policy goes.", "FILE")] = Path("policy.npz"),
     algo: Annotated[
-        str | None, option("--algo", "Configuration that a zip was trained with: a name or file.", "A", "ppo")
+        str | None,
+        option("--algo", "Configuration that a zip was trained with: a name or file.", "A", "what its weights say"),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        option("--set", "What a zip without --algo was trained in, such as law=hsc; repeatable.", "KEY=VALUE"),
     ] = None,
     trust: Annotated[bool, option("--trust", "Load a zip by SB3 itself, which runs code that is in it.")] = False,
     overwrite: Overwrite = False,
@@ -164,13 +169,18 @@ def export_command(
         is_run, config = source.is_dir(), load_config(algo or DEFAULT_ALGO)
         if is_run and trust:
             raise ConfigError("--trust is for zips; nothing of a run folder is run")
+        if changes and (is_run or algo or trust):
+            raise ConfigError("--set is for zips without --algo and --trust; others have a configuration")
         if is_run:
             begun_as(source, algo, None, [])
         require("agents", "torch", "stable_baselines3")
         from sffr_agents.export import export_run, export_zip  # torch takes seconds to import
+        from sffr_agents.sb3_actor import export_plain_zip
 
         if is_run:
             export_run(source, out, lambda line: warn(consoles()[0], line))
+        elif algo is None and not trust:
+            export_plain_zip(source, out, tuple(changes or ()))
         else:
             export_zip(source, config, out, trust)
     consoles()[1].print(str(out), markup=False, soft_wrap=True)

@@ -34,12 +34,13 @@ def bench_command(
     doc: Annotated[Path | None, option("--doc", "Markdown file to write the tables into.", "FILE")] = None,
     overwrite: Annotated[bool, option("--overwrite", "Replace finished measurements in DIR.")] = False,
 ) -> None:
-    """Measure the speed of the simulator and its environments, side by side with MuJoCo, SciPy and Gymnasium.
+    r"""Measure the speed of the simulator and its environments, side by side with MuJoCo, SciPy and Gymnasium.
 
     Prints tables and whether the targets are met; writes bench.json and work_precision.png. All of it takes about a
-    quarter of an hour and wants the machine to itself. Needs the extra bench.
+    quarter of an hour and wants the machine to itself. Needs the extra [bold]bench[/]:
+    pip install "sffr-gym\[bench]".
     """
-    require("bench", "mujoco", "psutil", "matplotlib")
+    require("bench", "mujoco", "imageio", "psutil", "matplotlib")
     from sffr_workbench.speed import page, suite  # these need what was just required
     from sffr_workbench.speed.precision import PICTURE
     from sffr_workbench.speed.targets import check_targets

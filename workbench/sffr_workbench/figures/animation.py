@@ -34,7 +34,7 @@ from sffr_workbench.figures.style import policy_colours
 if TYPE_CHECKING:
     from sffr_gym.render.renderer import Renderer, Snapshot, Style
 
-FORMATS = {".gif": ("PIL", "render"), ".mp4": ("av", "video")}  # what writes it, and the extra that brings that
+FORMATS = {".gif": ("render", "PIL"), ".mp4": ("video", "PIL", "av")}  # the extra that brings what draws and writes it
 MOST_PICTURES = 50_000  # some hours of drawing
 MOST_PIXELS = 4e9  # of a GIF, a byte each, which are in memory together
 MAX_POLICIES = 2  # beside each other
@@ -62,8 +62,7 @@ class MovieOptions:
         """
         if out.suffix not in FORMATS:
             raise ConfigError(f"{out}: the name must end in {' or '.join(FORMATS)}")
-        for module, extra in FORMATS[".gif"], FORMATS[out.suffix]:
-            require(extra, module)
+        require(*FORMATS[out.suffix])
         try:
             require_pillow()
         except DependencyNotInstalled as error:
