@@ -1,6 +1,10 @@
-"""Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/builder``."""
+"""Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/builder``.
+
+Also makes the text that a package index shows of the README.
+"""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 FOLDER = Path("sffr_gym", "compile", "binaries")
 COMPILERS = ("cc", "gcc", "clang")  # of C, one of which links
@@ -33,3 +38,21 @@ class CompiledKernels(BuildHookInterface[Any]):
         subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
+
+
+class IndexReadme(MetadataHookInterface):
+    """Gives the project's description, of which the README is the source."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Put it into the metadata."""
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        metadata["readme"] = {"content-type": "text/markdown", "text": index_text(text)}
+
+
+def index_text(readme: str) -> str:
+    """Return a README without pictures and links of files beside it, which an index does not have.
+
+    A paragraph in italics below a picture is its caption, and goes with it.
+    """
+    without_pictures = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n+(\*[^*].*?\n\n)?", "", readme, flags=re.DOTALL)
+    return re.sub(r"\[([^\]]*)\]\((?!https?:|#)[^)]*\)", r"\1", without_pictures)

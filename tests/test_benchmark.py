@@ -66,12 +66,12 @@ def episodes_of(plan, folder, jobs, **options):
         return run_episodes(plan, run, jobs, **options)
 
 
-def die_in_the_middle(tasks, params, files):
+def die_in_the_middle(tasks, params, code, files):
     """Stand in for a worker's job: one episode kills its worker."""
     (task,) = tasks
     if (task.policy, task.seed) == ("ahsc", SEED + 1):
         os.kill(os.getpid(), signal.SIGKILL)
-    return episodes._run_and_keep(tasks, params, files)
+    return episodes.run_and_keep(tasks, params, code, files)
 
 
 def kept(folder):
@@ -98,7 +98,7 @@ def test_rows_are_those_of_an_evaluation(plan, serial, suite):
 
 def test_dead_worker_loses_nothing_that_was_finished(plan, serial, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(episodes, "_run_and_keep", die_in_the_middle)
+        patch.setattr(episodes, "run_and_keep", die_in_the_middle)
         with pytest.raises(ConfigError, match=r"worker process died .* with \d+ of 12 episodes finished") as error:
             episodes_of(plan, tmp_path, jobs=2)
     before = kept(tmp_path)

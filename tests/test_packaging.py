@@ -16,6 +16,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from project import PACKAGES, ROOT
 
+from hatch_build import index_text
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 HEAVY = [
@@ -189,6 +191,21 @@ def test_constraints_of_users_leave_to_other_clients_what_these_hold():
     extras = [name for name in EXTRAS if name not in ("docs", "dev", "record", "all")]
     needed = {Requirement(each).name for name in extras for each in EXTRAS[name]} - {"sffr-gym", "pillow", "gymnasium"}
     assert {canonicalize_name(name) for name in needed} <= users.keys()
+
+
+def test_an_index_shows_no_dead_picture_or_link():
+    """All that is left of links leads to the web or within the page; nothing else of the text is lost."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = index_text(readme)
+    assert re.search(r"\]\(docs/", readme) and "https://gymnasium.farama.org" in text
+    assert not re.search(r"\]\((?!https?:|#)", text)
+    headings = re.findall(r"^#.*$|^```.*$|^\|.*\|$", readme, re.MULTILINE)
+    kept = {re.sub(r"\[([^\]]*)\]\((?!https?:|#)[^)]*\)", r"\1", line) for line in headings}
+    assert kept == set(re.findall(r"^#.*$|^```.*$|^\|.*\|$", text, re.MULTILINE))
+    assert (
+        index_text("a\n\n![b](c.png)\n\n*d, of `e`*\n\n*f* g\n\n![h](https://i/j.png)\n")
+        == "a\n\n*f* g\n\n![h](https://i/j.png)\n"
+    )
 
 
 @pytest.mark.parametrize("module", [*PACKAGES, "sffr_workbench.cli.app"])

@@ -1,8 +1,8 @@
 """Episodes of a benchmark, run in parallel and kept one by one: what was finished is kept and not run again.
 
-Each finished episode is a file, written whole by the worker that ran it, so that a dead worker or an interruption
-leaves only finished ones behind, and a second call runs what is missing. An episode depends on its seed alone, not on
-what ran before it or where.
+Each finished episode is a file, written whole by the worker that ran it, or on a cluster, whose nodes need not see the
+folder, by the process that asked for it. A dead worker or an interruption leaves only finished ones behind, and a
+second call runs what is missing. An episode depends on its seed alone, not on what ran before it or where.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import functools
 import hashlib
 import itertools
 import os
+import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,7 +32,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, load_scenario, suite_hash
 from sffr_gym.task.score import Result
 from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_parts, remove_rows, row_files, write_row
-from sffr_workbench.common import Progress, end_with_parent, ignore, interrupts_ignored
+from sffr_workbench.common import Backend, Progress, WorkersLost, ignore
 from sffr_workbench.evaluation import PLAN_FILE, Identity, file_hashes, given_files, read_record, with_oracles
 
 MOST_TASKS = 10**6  # episodes of a benchmark, each of which leaves a file: days of computing
@@ -126,7 +125,12 @@ def code_hash() -> str:
 
 
 def run_episodes(
-    plan: Plan, run: RunFolder, jobs: int, overwrite: bool = False, progress: Progress = ignore
+    plan: Plan,
+    run: RunFolder,
+    jobs: int,
+    overwrite: bool = False,
+    progress: Progress = ignore,
+    backend: Backend | None = None,
 ) -> list[Result]:
     """Run what a folder does not hold yet, and return all episodes in the order of the plan.
 
@@ -136,6 +140,7 @@ def run_episodes(
         jobs: number of worker processes; the result does not depend on it.
         overwrite: start again.
         progress: called with the scenario, the episodes done and all, first before anything runs.
+        backend: what runs them; None for processes of this machine.
 
     Raises:
         ConfigError: if the folder's episodes are of other code, parameters or scenarios, one of them is damaged, or a
@@ -148,10 +153,10 @@ def run_episodes(
     done, total = len(found), len(files)
     progress(plan.scenarios[0], done, total)
     try:
-        for task in _finish(pending, plan.params, jobs):
+        for task in _finish(pending, plan.params, jobs, backend or Backend()):
             done += 1
             progress(task.scenario, done, total)
-    except BrokenProcessPool:
+    except WorkersLost:
         kept = sum(file.exists() for file in files.values())
         raise ConfigError(
             f"{run.path}: a worker process died (killed, or out of memory) with {kept} of {total} episodes finished; "
@@ -169,23 +174,19 @@ def run_tasks(tasks: Sequence[Task], params: Params) -> list[Result]:
     return [replace(result_of(each), file=file.get(policy_title(name), "")) for each in trajectories]
 
 
-def _finish(files: Mapping[Task, Path], params: Params, jobs: int) -> Iterator[Task]:
-    """Run tasks in parallel, each kept in its file by its worker, and name them as they are finished."""
-    from joblib import Parallel, delayed  # here, since it takes long to load and most commands do without
-
-    jobs = max(min(jobs, len(files)), 1)
-    own = {"initializer": end_with_parent, "initargs": (os.getpid(),)} if jobs > 1 else {}
-    workers = Parallel(n_jobs=jobs, return_as="generator_unordered", **own)
-    with interrupts_ignored():
-        started = workers(
-            delayed(_run_and_keep)(group, params, [files[task] for task in group]) for group in _groups(files, jobs)
-        )
-    with closing(started) as finished:
-        for group in finished:
-            yield from group
+def _finish(files: Mapping[Task, Path], params: Params, jobs: int, backend: Backend) -> Iterator[Task]:
+    """Run tasks, each kept in its file, and name them as they are finished."""
+    calls = [
+        (group, params, code_hash(), [files[task] for task in group] if backend.shares_files else None)
+        for group in grouped(files, jobs)
+    ]
+    for group, found in backend.run(run_and_keep, calls, jobs):
+        for task, result in zip(group, found, strict=False):
+            write_row(files[task], result)
+        yield from group
 
 
-def _groups(tasks: Iterable[Task], jobs: int) -> list[list[Task]]:
+def grouped(tasks: Iterable[Task], jobs: int) -> list[list[Task]]:
     """Return what a worker runs at once: episodes of a law of your own side by side, others one by one."""
     groups: list[list[Task]] = []
     for (_, policy), each in itertools.groupby(tasks, lambda task: task[:2]):
@@ -195,11 +196,28 @@ def _groups(tasks: Iterable[Task], jobs: int) -> list[list[Task]]:
     return groups
 
 
-def _run_and_keep(tasks: Sequence[Task], params: Params, files: Sequence[Path]) -> Sequence[Task]:
-    """Run episodes and write their files."""
-    for file, result in zip(files, run_tasks(tasks, params), strict=True):
+def run_and_keep(
+    tasks: Sequence[Task], params: Params, code: str, files: Sequence[Path] | None
+) -> tuple[Sequence[Task], list[Result]]:
+    """Run episodes of one policy in one scenario and write their files, or return them where these are out of reach.
+
+    Args:
+        tasks: to run.
+        params: the robot.
+        code: hash of the code of the process that asks.
+        files: of the tasks; None on a node that does not see them.
+
+    Raises:
+        ConfigError: if this node has other code than the one that asks.
+    """
+    if files is None and code_hash() != code:
+        raise ConfigError(f"node {platform.node()}: has other code of sffr-gym; install the same version on each node")
+    results = run_tasks(tasks, params)
+    if files is None:
+        return tasks, results
+    for file, result in zip(files, results, strict=True):
         write_row(file, result)
-    return tasks
+    return tasks, []
 
 
 @functools.lru_cache(maxsize=2)

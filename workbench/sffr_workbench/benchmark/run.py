@@ -22,7 +22,7 @@ from sffr_workbench.benchmark.episodes import Plan, run_episodes
 from sffr_workbench.benchmark.page import make_pages, page_names
 from sffr_workbench.benchmark.rows import ROWS
 from sffr_workbench.benchmark.scores import SuiteScores, score_suite
-from sffr_workbench.common import Progress, ignore
+from sffr_workbench.common import Backend, Progress, ignore
 from sffr_workbench.evaluation import EPISODES_FILE, PLAN_FILE, episodes_csv
 
 SUITE_EPISODES = 20
@@ -42,6 +42,7 @@ def run_benchmark(
     draw: bool = True,
     overwrite: bool = False,
     progress: Progress = ignore,
+    backend: Backend | None = None,
 ) -> tuple[SuiteScores, list[Path]]:
     """Run what is missing of a benchmark and write its run folder, the files that show it together at the end.
 
@@ -54,6 +55,7 @@ def run_benchmark(
         draw: also draw the figures.
         overwrite: start again instead of going on.
         progress: see :func:`episodes.run_episodes`.
+        backend: likewise.
 
     Returns:
         The scores and the files that were written.
@@ -70,9 +72,9 @@ def run_benchmark(
         public = [claimed.enter_context(RunFolder.claim(docs, "pages", resume=True, shared=True))] if docs else []
         for each in public:
             each.check_names(page_names(draw))
-        results = run_episodes(plan, run, jobs, overwrite, progress)
+        results = run_episodes(plan, run, jobs, overwrite, progress, backend)
         scores = score_suite([result for result in results if result.policy in plan.titles])
-        facts = manifest(plan, jobs, origin(command, started, time.perf_counter() - clock))
+        facts = manifest(plan, jobs, backend or Backend(), origin(command, started, time.perf_counter() - clock))
         pages = make_pages(plan, results, scores, shlex.join(command), draw)
         own = {EPISODES_FILE: episodes_csv(results).encode(), MANIFEST: to_json(facts).encode()}
         written = run.replace(own | pages, remove=set(run.files) - {ROWS, PLAN_FILE})
@@ -81,10 +83,11 @@ def run_benchmark(
     return scores, written
 
 
-def manifest(plan: Plan, jobs: int, facts: dict[str, Any]) -> dict[str, Any]:
+def manifest(plan: Plan, jobs: int, backend: Backend, facts: dict[str, Any]) -> dict[str, Any]:
     """Return what it takes to repeat a benchmark, facts on its origin first."""
     return facts | {
         "jobs": jobs,
+        "backend": backend.name,
         "policies": list(plan.titles),
         "episodes": plan.episodes,
         "seed": plan.seed,

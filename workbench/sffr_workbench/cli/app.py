@@ -7,7 +7,19 @@ from typing import Annotated
 import typer
 
 from sffr_gym.config.provenance import package_version
-from sffr_workbench.cli import animate, benchmark, evaluate, export, learning, new, report, reproduce, speed, verify
+from sffr_workbench.cli import (
+    animate,
+    benchmark,
+    doctor,
+    evaluate,
+    export,
+    learning,
+    new,
+    report,
+    reproduce,
+    speed,
+    verify,
+)
 from sffr_workbench.cli.encoding import spell_out
 from sffr_workbench.cli.terminal import Commands
 
@@ -38,7 +50,19 @@ def sffr(
 
 
 spell_out()  # also before a command runs, in help and errors of usage
-for module in evaluate, verify, reproduce, animate, speed, benchmark, learning, report, export, new:
+for module in (
+    evaluate,
+    verify,
+    reproduce,
+    animate,
+    speed,
+    benchmark,
+    learning,
+    report,
+    export,
+    new,
+    doctor,
+):
     module.add_commands(app)
 
 

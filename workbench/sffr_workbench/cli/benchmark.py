@@ -22,6 +22,8 @@ from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
 from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
 from sffr_workbench.cli.options import (
+    Address,
+    BackendName,
     FirstSeed,
     Overrides,
     Overwrite,
@@ -34,7 +36,7 @@ from sffr_workbench.cli.options import (
 )
 from sffr_workbench.cli.progress import ProgressBar, time_left
 from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed_command
-from sffr_workbench.common import terminal_table
+from sffr_workbench.common import Backend, terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
 MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
@@ -70,6 +72,8 @@ def benchmark_command(
             "--jobs -j", "Processes; no result depends on it.", "N", "all that may be used", parser=whole(1, MOST_JOBS)
         ),
     ] = None,
+    backend: BackendName = "loky",
+    address: Address = None,
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
     docs: Annotated[
         Path | None, option("--docs", "Write results.md, leaderboard.json and images/ there as well.", "DIR")
@@ -86,7 +90,7 @@ def benchmark_command(
     episode is kept at once: the same command, or one with more policies, scenarios or episodes, runs what is missing.
     """
     notes, results = consoles(quiet)
-    figures = figures and can_draw(notes)
+    figures, runner = figures and can_draw(notes), Backend(backend, address)
     asked, chosen = policies or list(default_policies()), tuple(scenarios or scenario_names())
     robot = resolve_params(params, overrides or [])
     unfit = unfit_policies(asked, chosen, robot)
@@ -99,7 +103,7 @@ def benchmark_command(
     advice = f"what was finished is kept in {out}, and {again} goes on"
     with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
         scores, written = run_benchmark(
-            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress
+            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress, runner
         )
     print_scores(results, scores)
     pages = (str(path) for path in written if path.name == RESULTS_FILE)

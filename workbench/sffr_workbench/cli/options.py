@@ -66,5 +66,11 @@ Overrides = Annotated[
 ]
 ScenarioName = Annotated[str, option("--scenario -s", "Shipped scenario's name, or a YAML file.", "S")]
 FirstSeed = Annotated[int, option("--seed", "Seed of the first episode; the next ones count up.", "K", parser=whole())]
+BackendName = Annotated[
+    str, option("--backend", "What runs them: loky (processes of this machine), ray or dask, extra cluster.", "B")
+]
+Address = Annotated[
+    str | None, option("--address", "Head of a Ray cluster, or Dask's scheduler.", "HOST:PORT", "one on this machine")
+]
 Quiet = Annotated[bool, option("--quiet -q", "Print errors only.")]
 Overwrite = Annotated[bool, option("--overwrite", "Replace FILE.")]

@@ -1,5 +1,6 @@
 """What several rooms share: numbers and tables for people, HTML, progress, optional packages, origin of results."""
 
+from sffr_workbench.common.backends import Backend, WorkersLost
 from sffr_workbench.common.extras import is_missing, require
 from sffr_workbench.common.html import png_uri, template
 from sffr_workbench.common.names import file_name
@@ -10,7 +11,9 @@ from sffr_workbench.common.progress import Progress, ignore
 from sffr_workbench.common.tables import markdown_table, terminal_table
 
 __all__ = [
+    "Backend",
     "Progress",
+    "WorkersLost",
     "describe_commit",
     "describe_versions",
     "end_with_parent",
