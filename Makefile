@@ -1,7 +1,7 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help run verify results train test proofs coverage mutants hostile valgrind bench format lint types contracts check api wheel clean
+.PHONY: help run verify results train test proofs coverage mutants hostile valgrind bench format lint types contracts check docs clients wheel clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -18,6 +18,7 @@ COVERED := actuators angles beam dynamics episode episode_end fleet metrics mic 
 	suppression vector_arguments
 MUTANTS_ARGS ?=
 HOSTILE_ARGS ?= --minutes 10
+CLIENTS ?=
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -82,8 +83,11 @@ contracts: $(VENV)/.dev ## which package may import which
 
 check: lint types contracts test ## lint, types, contracts and test, without proofs
 
-api: $(VENV)/.dev ## the API reference from the docstrings, into docs/_build/html; a warning is an error
+docs: $(VENV)/.dev ## the documentation, into docs/_build/html; a warning is an error
 	SFFR_INTERPRETED=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
+
+clients: $(VENV)/.dev ## run the programs of docs/clients in environments of their own; docs/clients/tried.md; CLIENTS="skrl zoo" for some
+	$(BIN)/python tests/clients/run.py $(CLIENTS)
 
 wheel: $(VENV)/.dev ## a wheel with compiled code for all levels of x86-64, into dist/
 	SFFR_LEVELS="x86-64-v2 x86-64-v3 x86-64-v4" $(BIN)/python -m build --wheel --no-isolation

@@ -1,9 +1,10 @@
-"""Settings of the API reference, which ``make api`` builds from the docstrings into ``docs/_build/html``."""
+"""Settings of the documentation, which ``make docs`` builds into ``docs/_build/html``."""
 
 import importlib
 import importlib.metadata
 import inspect
-from pathlib import Path
+import re
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from docutils import nodes
@@ -11,6 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).parents[1]
+ROOMS = ("sffr_gym", "baselines", "agents", "workbench")
 PACKAGES = ["sffr_gym", "baselines/sffr_baselines", "agents/sffr_agents", "workbench/sffr_workbench"]
 
 project = "sffr-gym"
@@ -25,10 +27,17 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
 ]
-include_patterns = ["index.md", "environments.md", "api/**"]
-exclude_patterns = ["api/*/modules.rst"]  # tables of contents with one entry each
+exclude_patterns = [
+    "api/*/modules.rst",  # tables of contents with one entry each
+    "clients/tried.md",  # a part of another page
+    "_build",
+]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 4
 html_theme = "furo"
 html_title = f"{project} {release}"
+html_static_path = ["static"]
+html_css_files = ["wide.css"]
 
 apidoc_modules = [
     {
@@ -64,10 +73,81 @@ class Specification(SphinxDirective):
 def shorten_specification(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Keep the first paragraph of a docstring in Markdown; the page of the environments has all of it."""
     if any(line.startswith("## ") for line in lines):
-        lines[:] = [*lines[: lines.index("")], "", "Its specification: :doc:`/environments`."]
+        lines[:] = [*lines[: lines.index("")], "", "Its specification: :doc:`/environments/index`."]
+
+
+class Policies(SphinxDirective):
+    """A table of all policies by name."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the parsed table."""
+        from sffr_baselines import POLICIES
+
+        rows = "".join(f"| `{name}` | {text} |\n" for name, text in POLICIES.items())
+        return self.parse_text_to_nodes(f"| name | what it is |\n|---|---|\n{rows}")
+
+
+class Commands(SphinxDirective):
+    """Every command with what its help says."""
+
+    def run(self) -> list[nodes.Node]:
+        """Return the parsed sections."""
+        from typer.main import get_command
+
+        from sffr_workbench.cli.app import app
+
+        group: Any = get_command(app)
+        pages = [_command_page(name, group.commands[name]) for name in sorted(group.commands)]
+        return self.parse_text_to_nodes("\n".join(pages), allow_section_headings=True)
+
+
+def _command_page(name: str, command: Any) -> str:
+    """Return a command's help as Markdown."""
+    words = re.sub(r"\\?\[/?[a-z]*\](?!\()", "", inspect.cleandoc(command.help or "")).replace("\\[", "[")
+    rows = []
+    for each in command.params:
+        flags = ", ".join(f"`{flag}`" for flag in (*each.opts, *each.secondary_opts)) if each.opts[0][0] == "-" else ""
+        says = " ".join(re.sub(r"\\?\[/?bold\]", "", getattr(each, "help", None) or "").replace("\\[", "[").split())
+        rows.append(f"| {flags or f'`{each.metavar or each.name}`'} | {says.replace('|', '/')} |\n")
+    return f"## sffr {name}\n\n{words}\n\n| option | |\n|---|---|\n{''.join(rows)}"
+
+
+def link_code(app: Sphinx, docname: str, content: list[str]) -> None:
+    """Turn links to files of the source into links to the reference of the code, or into plain text.
+
+    On a page of the source tree both work; an index of pages has no other files.
+    """
+    folder = PurePosixPath(docname).parent
+
+    def link(found: re.Match[str]) -> str:
+        words, target = found[1], found[2]
+        file = Path("docs", folder, target)
+        path = PurePosixPath(*_without_dots(file.as_posix().split("/")))
+        if path.suffix == ".py" and path.parts[0] in ROOMS:
+            module = ".".join(PurePosixPath(*path.parts[path.parts[0] != "sffr_gym" :]).with_suffix("").parts)
+            return f"{{py:mod}}`{words.strip('`')} <{module}>`"
+        if path.parts[0] == "docs" and path.suffix in (".md", ".png", ".gif", ".json"):
+            return found[0]
+        return words
+
+    content[0] = re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)#\s]+)(#[^)]*)?\)", link, content[0])
+
+
+def _without_dots(parts: list[str]) -> list[str]:
+    """Return the parts of a path with ``..`` followed."""
+    kept: list[str] = []
+    for part in parts:
+        if part == "..":
+            kept.pop()
+        elif part != ".":
+            kept.append(part)
+    return kept
 
 
 def setup(app: Sphinx) -> None:
-    """Register the directive and the shortening."""
+    """Register the directives, the shortening and the links."""
     app.add_directive("specification", Specification)
+    app.add_directive("policies", Policies)
+    app.add_directive("commands", Commands)
+    app.connect("source-read", link_code)
     app.connect("autodoc-process-docstring", shorten_specification, priority=100)  # before napoleon

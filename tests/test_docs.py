@@ -11,7 +11,8 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ["sffr_gym", "baselines", "agents", "workbench", "configs", "tests", "docs"]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(file for room in ROOMS for file in (ROOT / room).glob("*.md"))])
+PARTS = [*ROOMS, "docs/clients", "docs/environments", "docs/tutorials"]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(file for part in PARTS for file in (ROOT / part).glob("*.md"))])
 PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(ROOMS)})/[\w./*-]*\w")
 WRITTEN = re.compile(r"docs/(_build|images)/")  # by a command
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")

@@ -10,6 +10,7 @@ from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import (
     animate,
     benchmark,
+    dataset,
     doctor,
     evaluate,
     export,
@@ -58,6 +59,7 @@ for module in (
     speed,
     benchmark,
     learning,
+    dataset,
     report,
     export,
     new,

@@ -98,7 +98,8 @@ def _run_on_ray(function: Callable[..., Any], jobs: Sequence[Job], workers: int,
         try:
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **own)
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"address = {address}: no Ray cluster answers: {_first_line(error)}") from None
+            advice = "; if its head asks for a token, set RAY_AUTH_MODE=token" if address else ""
+            raise ConfigError(f"address = {address}: no Ray cluster answers: {_first_line(error)}{advice}") from None
     try:
         task = ray.remote(function).options(num_cpus=1, max_retries=RETRIES, scheduling_strategy="SPREAD")
         waiting = iter(jobs)
