@@ -1,0 +1,88 @@
+"""The runner of clients: it finds each page's programs, tells failures, and keeps the rows of others."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from project import ROOT
+
+sys.path.insert(0, str(Path(__file__).parent / "clients"))
+import cleanrl_script
+import run
+
+PAGE = (ROOT / "docs" / "clients" / "cleanrl.md").read_text(encoding="utf-8")
+SCRIPT = """
+    envs = gym.vector.SyncVectorEnv(
+        [make_env(args.env_id, i) for i in range(args.num_envs)]
+    )
+    assert isinstance(envs.single_action_space, gym.spaces.Box)
+            next_obs, reward, terminations, truncations, infos = envs.step(action.cpu().numpy())
+
+            if "final_info" in infos:
+                for info in infos["final_info"]:
+                    print(f"episodic_return={info['episode']['r']}")
+
+        # bootstrap value if not done
+"""
+
+
+@pytest.mark.parametrize("name", run.CLIENTS)
+def test_a_client_has_a_page_with_programs(name):
+    text = (run.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert run.BLOCK.findall(text)
+    assert f"\n{name}\n" in (run.PAGES / "index.md").read_text(encoding="utf-8")
+
+
+def test_the_table_is_of_known_clients_and_nothing_failed():
+    """It is written by `make clients` alone."""
+    lines = run.TABLE.read_text(encoding="utf-8").splitlines()
+    assert lines[0] == f"| {' | '.join(run.HEAD)} |"
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    assert {row[0] for row in cells} <= {f"[{client.name}]({name}.md)" for name, client in run.CLIENTS.items()}
+    assert all(row[4] == "works" and row[1][0].isdigit() for row in cells)
+
+
+def test_rows_of_other_clients_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "TABLE", tmp_path / "tried.md")
+    monkeypatch.setattr(run, "version_of", lambda name, package: "1.0")
+    for name, state in (("skrl", "works"), ("sb3", "works"), ("skrl", "fails: a | b")):
+        run.write_row(name, state)
+    lines = run.TABLE.read_text().splitlines()
+    assert [line.split("](")[0] for line in lines[2:]] == ["| [Stable-Baselines3", "| [skrl"]
+    assert "fails: a \\| b" in lines[3] and "works" in lines[2]
+
+
+def test_what_fails_is_told_in_a_line(tmp_path, monkeypatch):
+    """The last line of a program's output, and the count of failures."""
+    (tmp_path / "skrl.md").write_text("```python\nraise SystemExit('no such thing')\n```\n")
+    monkeypatch.setattr(run, "PAGES", tmp_path)
+    monkeypatch.setattr(run, "prepare", lambda client, folder: None)
+    monkeypatch.setattr(run, "SCRATCH", tmp_path)
+    (tmp_path / "skrl" / "bin").mkdir(parents=True)
+    (tmp_path / "skrl" / "bin" / "python").symlink_to(sys.executable)
+    assert run.run("skrl") == "fails: no such thing"
+    (tmp_path / "skrl.md").write_text("```python\nprint(3)\n```\n```bash\nfalse\n```\n")
+    assert run.run("skrl").startswith("fails: ")
+    (tmp_path / "skrl.md").write_text("```python\nprint(3)\n```\n```bash\ntrue\n```\n```\nno program\n```\n")
+    assert run.run("skrl") == "works"
+
+
+def test_an_unknown_client_is_refused():
+    done = subprocess.run([sys.executable, run.__file__, "cleanlr"], capture_output=True, text=True)
+    assert done.returncode == 1 and "unknown client 'cleanlr'" in done.stderr
+
+
+def test_the_two_changes_of_cleanrls_script_are_the_pages():
+    """Its own lines go, the page's come, in both forms that its releases have."""
+    older = SCRIPT.replace(
+        'if "final_info" in infos:\n',
+        "# Only print when at least 1 env is done\n"
+        '            if "final_info" not in infos:\n                continue\n\n',
+    )
+    for script in (SCRIPT, older):
+        text = cleanrl_script.changed(script, PAGE)
+        assert "SyncVectorEnv" not in text and 'autoreset_mode="SameStep"' in text
+        assert "for info in infos" not in text and "for i in np.flatnonzero(ended)" in text
+    with pytest.raises(AssertionError, match="another one than the page tells of"):
+        cleanrl_script.changed("pass", PAGE)
