@@ -34,6 +34,7 @@ exclude_patterns = [
 ]
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 4
+myst_fence_as_directive = ["math"]
 html_theme = "furo"
 html_title = f"{project} {release}"
 html_static_path = ["static"]
@@ -58,16 +59,31 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 
 
-class Specification(SphinxDirective):
-    """An environment's class docstring, which is written in Markdown as Gymnasium's are."""
+class Summary(SphinxDirective):
+    """The first paragraph of an environment's class docstring, which is written in Markdown as Gymnasium's are."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return the parsed docstring."""
-        module, _, name = self.arguments[0].rpartition(".")
-        text = inspect.getdoc(getattr(importlib.import_module(module), name)) or ""
+        """Return the parsed paragraph."""
+        return self.parse_text_to_nodes(_docstring(self.arguments[0]).partition("\n## ")[0])
+
+
+class Specification(SphinxDirective):
+    """The sections of such a docstring."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the parsed sections."""
+        text = "## " + _docstring(self.arguments[0]).partition("\n## ")[2]
         return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def _docstring(path: str) -> str:
+    """Return the docstring of a class that is named with its module."""
+    module, _, name = path.rpartition(".")
+    return inspect.getdoc(getattr(importlib.import_module(module), name)) or ""
 
 
 def shorten_specification(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
@@ -103,13 +119,18 @@ class Commands(SphinxDirective):
 
 def _command_page(name: str, command: Any) -> str:
     """Return a command's help as Markdown."""
-    words = re.sub(r"\\?\[/?[a-z]*\](?!\()", "", inspect.cleandoc(command.help or "")).replace("\\[", "[")
+    words = _plain(inspect.cleandoc(command.help or ""))
     rows = []
     for each in command.params:
         flags = ", ".join(f"`{flag}`" for flag in (*each.opts, *each.secondary_opts)) if each.opts[0][0] == "-" else ""
-        says = " ".join(re.sub(r"\\?\[/?bold\]", "", getattr(each, "help", None) or "").replace("\\[", "[").split())
+        says = " ".join(_plain(getattr(each, "help", None) or "").split())
         rows.append(f"| {flags or f'`{each.metavar or each.name}`'} | {says.replace('|', '/')} |\n")
     return f"## sffr {name}\n\n{words}\n\n| option | |\n|---|---|\n{''.join(rows)}"
+
+
+def _plain(text: str) -> str:
+    """Return a text without rich's marks; what looks like one and is none begins with a backslash."""
+    return re.sub(r"(?<!\\)\[(/|/?bold)\]", "", text).replace("\\[", "[")
 
 
 def link_code(app: Sphinx, docname: str, content: list[str]) -> None:
@@ -146,6 +167,7 @@ def _without_dots(parts: list[str]) -> list[str]:
 
 def setup(app: Sphinx) -> None:
     """Register the directives, the shortening and the links."""
+    app.add_directive("summary", Summary)
     app.add_directive("specification", Specification)
     app.add_directive("policies", Policies)
     app.add_directive("commands", Commands)

@@ -183,4 +183,4 @@ def test_a_node_with_other_code_is_refused(tmp_path):
     """Its rows would stand in one table with those of this code."""
     plan = scenario_plan(tmp_path, 0.1, 1)
     with pytest.raises(ConfigError, match=r"node .*: has other code of sffr-gym"):
-        episodes._run_and_keep(plan.tasks[0], plan.params, "0" * 16, None)
+        episodes.run_and_keep(plan.tasks[:1], plan.params, "0" * 16, None)

@@ -15,8 +15,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sffr_baselines.learned import file_hash, policy_file
-from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
+from sffr_baselines.learned import file_hash
+from sffr_baselines.policies import Policy, check_titles, make_policy, policy_file, policy_title
 from sffr_gym import ConfigError, Params, load_params
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.provenance import package_version

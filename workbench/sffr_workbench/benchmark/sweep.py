@@ -22,7 +22,7 @@ from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.score import Result
-from sffr_workbench.benchmark.episodes import MOST_TASKS, Plan, code_hash, run_and_keep
+from sffr_workbench.benchmark.episodes import MOST_TASKS, Plan, code_hash, grouped, run_and_keep
 from sffr_workbench.benchmark.rows import ROWS, Task, read_row, remove_rows, write_row
 from sffr_workbench.common import Backend, Progress, WorkersLost, file_name, ignore
 
@@ -168,22 +168,25 @@ def _run(
     done, code = total - len(pending), code_hash()
     progress(plan.scenario, done, total)
     calls = [
-        (k, task, plan.points[k].plan.params, code, file if backend.shares_files else None)
-        for (k, task), file in pending.items()
+        (k, group, point.plan.params, code, [pending[k, task] for task in group] if backend.shares_files else None)
+        for k, point in enumerate(plan.points)
+        for group in grouped([task for task in point.plan.tasks if (k, task) in pending], jobs)
     ]
     try:
-        for k, task, result in backend.run(_run_point, calls, jobs):
-            if result is not None:
+        for k, group, results in backend.run(_run_point, calls, jobs):
+            for task, result in zip(group, results, strict=False):  # none where workers wrote them
                 write_row(pending[k, task], result)
-            done += 1
+            done += len(group)
             progress(plan.scenario, done, total)
     except WorkersLost:
         raise ConfigError(f"{path}: a worker process died; the same command goes on from there") from None
 
 
-def _run_point(k: int, task: Task, params: Params, code: str, file: Path | None) -> tuple[int, Task, Result | None]:
-    """Run an episode of the combination ``k``."""
-    return k, *run_and_keep(task, params, code, file)
+def _run_point(
+    k: int, tasks: Sequence[Task], params: Params, code: str, files: Sequence[Path] | None
+) -> tuple[int, Sequence[Task], list[Result]]:
+    """Run episodes of the combination ``k``; see :func:`episodes.run_and_keep`."""
+    return k, *run_and_keep(tasks, params, code, files)
 
 
 def _file(plan: SweepPlan, run: RunFolder, k: int, task: Task) -> Path:

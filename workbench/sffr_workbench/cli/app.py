@@ -19,6 +19,7 @@ from sffr_workbench.cli import (
     report,
     reproduce,
     speed,
+    sweep,
     verify,
 )
 from sffr_workbench.cli.encoding import spell_out
@@ -58,6 +59,7 @@ for module in (
     animate,
     speed,
     benchmark,
+    sweep,
     learning,
     dataset,
     report,
