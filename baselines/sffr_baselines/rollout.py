@@ -70,7 +70,9 @@ class Trajectory:
         return self.episode.drawn
 
 
-def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None) -> Trajectory:
+def rollout(
+    env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | None = None, stride: int = STRIDE
+) -> Trajectory:
     """Run one episode: in the compiled loop if the policy is one of the paper's laws, else step by step.
 
     Args:
@@ -78,6 +80,7 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
         policy: any policy.
         seed: of the episode; the same seed gives the same episode to every policy.
         progress: called with the number of control periods done since its last call.
+        stride: control periods between recorded states.
 
     Raises:
         ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then. Of a law
@@ -86,35 +89,35 @@ def rollout(env: SFFRFlexEnv, policy: Policy, seed: int, progress: Progress | No
     """
     report = progress or (lambda _: None)
     if isinstance(policy, OwnPolicy):
-        return next(rollouts(env, policy, [seed], report))
+        return next(rollouts(env, policy, [seed], report, stride))
     obs, _ = env.reset(seed=seed)
     policy.reset(seed=seed)
     if isinstance(policy, OraclePolicy):
         policy.set_plant(env.plant)
-    _check_memory(env, env.ticks)
+    _check_memory(env, env.ticks, stride)
     if isinstance(policy, LawPolicy):
-        record = make_record(env.plant_task, env.ticks, STRIDE)
+        record = make_record(env.plant_task, env.ticks, stride)
         done, failure = _run_compiled(env, policy, obs, env.ticks, record, report)
         return _trajectory(env, policy.name, seed, env.episode, record, done, failure)
-    ((episode, record, done, failure),) = Episodes(env, [seed]).run(lambda obs: policy(obs[0])[None], STRIDE, report)
+    ((episode, record, done, failure),) = Episodes(env, [seed]).run(lambda obs: policy(obs[0])[None], stride, report)
     return _trajectory(env, policy.name, seed, episode, record, done, failure)
 
 
 def rollouts(
-    env: SFFRFlexEnv, policy: Policy, seeds: Sequence[int], progress: Progress | None = None
+    env: SFFRFlexEnv, policy: Policy, seeds: Sequence[int], progress: Progress | None = None, stride: int = STRIDE
 ) -> Iterator[Trajectory]:
     """Run episodes, of a law of one's own many side by side, and yield each as :func:`rollout` returns it."""
     if not isinstance(policy, OwnPolicy):
         for seed in seeds:
-            yield rollout(env, policy, seed, progress)
+            yield rollout(env, policy, seed, progress, stride)
         return
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         own = list(seeds[first : first + SIDE_BY_SIDE])
         for seed in own:
             env.reset(seed=seed)
-            _check_memory(env, env.ticks * len(own))
+            _check_memory(env, env.ticks * len(own), stride)
         policy.begin(own)
-        ended = Episodes(env, own).run(policy, STRIDE, progress or (lambda _: None))
+        ended = Episodes(env, own).run(policy, stride, progress or (lambda _: None))
         for seed, (episode, record, done, failure) in zip(own, ended, strict=True):
             yield _trajectory(env, policy.name, seed, episode, record, done, failure)
 
@@ -123,12 +126,12 @@ def _trajectory(
     env: SFFRFlexEnv, name: str, seed: int, episode: Episode, record: Record, done: int, failure: str
 ) -> Trajectory:
     """Return what an episode of ``done`` control periods left."""
-    rows = (done - 1) // STRIDE + 1
+    rows = (done - 1) // record.stride + 1
     kept = {field: getattr(record, field)[:rows] for field in Record._fields[3:]}
     return Trajectory(
         policy=name, scenario=env.scenario.name, seed=seed, period=env.plant_task.period,
         signals=record.signals[:done], tips=record.tips[:done],
-        t=np.linspace(0.0, (rows - 1) * STRIDE * env.plant_task.period, rows), **kept,
+        t=np.linspace(0.0, (rows - 1) * record.stride * env.plant_task.period, rows), **kept,
         episode=episode, fields=env.fields, failure=failure,
     )  # fmt: skip
 
@@ -148,10 +151,10 @@ def result_of(trajectory: Trajectory) -> Result:
     return Result(trajectory.scenario, trajectory.policy, trajectory.seed, measures, failure, trajectory.drawn)
 
 
-def _check_memory(env: SFFRFlexEnv, ticks: int) -> None:
+def _check_memory(env: SFFRFlexEnv, ticks: int, stride: int) -> None:
     """Raise ConfigError if the record of so many control periods is too large."""
-    row = make_record(env.plant_task, STRIDE, STRIDE)
-    needed = ticks / STRIDE * sum(np.asarray(array).nbytes for array in row) / 2**30
+    row = make_record(env.plant_task, stride, stride)
+    needed = ticks / stride * sum(np.asarray(array).nbytes for array in row) / 2**30
     if needed > LARGEST_RECORD:
         raise ConfigError(
             f"{env.scenario.name}: duration: an episode of {ticks * env.plant_task.period:.3g} s, {ticks:.1g} control "

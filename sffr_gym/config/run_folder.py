@@ -33,7 +33,7 @@ FORMAT = 1  # of run folders; a newer one is not touched
 KINDS = {  # of runs, and what leaves them
     "evaluation": "sffr evaluate", "benchmark": "sffr benchmark", "training": "sffr train", "search": "sffr tune",
     "verification": "sffr verify", "reproduction": "sffr reproduce", "speed": "sffr bench",
-    "pages": "sffr benchmark --docs", "sweep": "sffr sweep",
+    "pages": "sffr benchmark --docs", "sweep": "sffr sweep", "export": "sffr export-run",
 }  # fmt: skip
 MOST_CARD = 10_000_000  # bytes
 MOST_FILES = 10_000  # whose remains are looked for whenever a run begins; files of one kind have a folder on the list

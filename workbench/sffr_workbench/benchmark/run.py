@@ -89,6 +89,7 @@ def manifest(plan: Plan, jobs: int, backend: Backend, facts: dict[str, Any]) -> 
         "jobs": jobs,
         "backend": backend.name,
         "policies": list(plan.titles),
+        "policy_names": list(plan.policies),
         "episodes": plan.episodes,
         "seed": plan.seed,
         "suite": plan.suite,

@@ -15,22 +15,24 @@ from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import file_hash
 from sffr_baselines.own_law import UnfitError
 from sffr_baselines.policies import POLICIES, Policy, check_titles, make_policy, policy_file, policy_title
-from sffr_baselines.rollout import Trajectory, result_of, rollouts
+from sffr_baselines.rollout import STRIDE, Trajectory, result_of, rollout, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
+from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.envs.arguments import ParamsLike, resolve_robot
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario, load_scenario
-from sffr_gym.task.score import REFERENCE, Result
+from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_workbench.common import Progress, ignore
+from sffr_workbench.evaluation.notebook import frame_of, html_of, rows_of
 
 DEFAULT_EPISODES = 10  # default of a scenario that draws something
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Policies on the same episodes."""
+    """Policies on the same episodes: :attr:`rows`, :meth:`frame`, :attr:`table`, trajectories in :attr:`first`."""
 
     scenario: Scenario  #: as they were run
     params: Params
@@ -38,6 +40,7 @@ class Evaluation:
     seed: int
     results: dict[str, list[Result]]  #: by policy, in the order of the episodes
     first: dict[str, Trajectory]  #: the first episode of each policy, for pictures
+    names: dict[str, str]  #: by which each policy was made, by what tables call it
     files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
     skipped: dict[str, str]  #: policies that cannot control this robot, and why
     started: datetime  #: when
@@ -53,6 +56,45 @@ class Evaluation:
         return what | {"episodes": self.episodes, "seed": self.seed, "policies": policies}
 
     @property
+    def rows(self) -> list[dict[str, Any]]:
+        """A mapping for each episode: scenario, policy, seed, every measure, failure, what was drawn."""
+        return rows_of(self.results)
+
+    def frame(self) -> Any:
+        """Return the rows as a ``pandas.DataFrame``; as they are where pandas is not installed."""
+        return frame_of(self.results)
+
+    @property
+    def table(self) -> dict[str, dict[str, float]]:
+        """The means over the episodes of every policy's measures, and ``cost`` where AHSC took part."""
+        means: dict[str, dict[str, float]] = self.summary()["policies"]
+        price = costs(self.results) if REFERENCE in self.results else {}
+        return {policy: own | ({"cost": price[policy]} if price else {}) for policy, own in means.items()}
+
+    def trajectory(self, policy: str, seed: int | None = None, stride: int = STRIDE) -> Trajectory:
+        """Return an episode of a policy with its histories, run again unless it is its first.
+
+        Args:
+            policy: as tables call it.
+            seed: of the episode; the first if left out.
+            stride: control periods between recorded states.
+
+        Raises:
+            ConfigError: for a policy that took no part.
+        """
+        if policy not in self.first:
+            raise ConfigError(f"no {policy!r}{did_you_mean(policy, self.first)} (there are {', '.join(self.first)})")
+        if seed in (None, self.seed) and stride == STRIDE:
+            return self.first[policy]
+        env = SFFRFlexEnv(scenario=self.scenario, params=self.params)
+        again = make_policy(self.names.get(policy, policy), env.params)
+        return rollout(env, again, self.seed if seed is None else seed, stride=stride)
+
+    def _repr_html_(self) -> str:
+        title = f"{self.scenario.name}: {self.episodes} episodes from seed {self.seed}"
+        return html_of(self.results, title, [f"skipped: {reason}" for reason in self.skipped.values()])
+
+    @property
     def reference(self) -> str:
         """The policy that ratios refer to: AHSC if it took part, else the first."""
         return REFERENCE if REFERENCE in self.results else next(iter(self.results))
@@ -63,6 +105,7 @@ class EvaluationPlan:
     """What an evaluation runs; everything that can be told before anything runs is valid."""
 
     policies: tuple[Policy, ...]  #: in the order of tables, oracles among them
+    names: dict[str, str]  #: by which each policy was made, by what tables call it
     files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
     skipped: dict[str, str]  #: policies that cannot control this robot, and why
     file: str | os.PathLike[str]  #: the scenario's name or file
@@ -90,7 +133,8 @@ def plan_evaluation(
     runners, skipped = fitting_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     files = {title: each for title, each in file_hashes(given_files(policies)).items() if title not in skipped}
-    return EvaluationPlan(tuple(runners), files, skipped, scenario, chosen, resolved, asked.episodes, asked.seed)
+    names = {policy_title(name): name for name in policies if policy_title(name) not in skipped}
+    return EvaluationPlan(tuple(runners), names, files, skipped, scenario, chosen, resolved, asked.episodes, asked.seed)
 
 
 def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluation:
@@ -121,9 +165,8 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
             results[policy.name].append(replace(result_of(trajectory), file=own))
     progress(plan.policies[-1].name, total, total)
     elapsed = time.perf_counter() - clock
-    return Evaluation(
-        plan.scenario, plan.params, episodes, plan.seed, results, first, plan.files, plan.skipped, started, elapsed
-    )  # fmt: skip
+    about = plan.names, plan.files, plan.skipped
+    return Evaluation(plan.scenario, plan.params, episodes, plan.seed, results, first, *about, started, elapsed)
 
 
 def evaluate(

@@ -71,6 +71,7 @@ def manifest(evaluation: Evaluation, command: Sequence[str]) -> dict[str, Any]:
     """Return what it takes to repeat a run: versions, code, configuration, seeds, command."""
     return origin(command, evaluation.started, evaluation.elapsed) | {
         "policies": list(evaluation.results),
+        "policy_names": list(evaluation.names.values()),
         "policy_files": evaluation.files,
         "skipped": evaluation.skipped,
         "seeds": [evaluation.seed + i for i in range(evaluation.episodes)],
