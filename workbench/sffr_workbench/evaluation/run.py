@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,10 +18,10 @@ from sffr_baselines.rollout import STRIDE, Trajectory, result_of, rollout, rollo
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.suggestion import did_you_mean
-from sffr_gym.envs.arguments import ParamsLike, resolve_robot
+from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, resolve_robot, resolve_scenario
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES
-from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario, load_scenario
+from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_workbench.common import Progress, ignore
 from sffr_workbench.evaluation.notebook import frame_of, html_of, rows_of
@@ -108,7 +107,6 @@ class EvaluationPlan:
     names: dict[str, str]  #: by which each policy was made, by what tables call it
     files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
     skipped: dict[str, str]  #: policies that cannot control this robot, and why
-    file: str | os.PathLike[str]  #: the scenario's name or file
     scenario: Scenario
     params: Params
     episodes: int | None  #: of each policy; None for 10, or for 1 if the scenario draws nothing
@@ -117,7 +115,7 @@ class EvaluationPlan:
 
 def plan_evaluation(
     policies: Sequence[str],
-    scenario: str | os.PathLike[str] = "nominal",
+    scenario: ScenarioLike = "nominal",
     episodes: int | None = None,
     seed: int = EVALUATION_SEED,
     params: ParamsLike = None,
@@ -128,13 +126,13 @@ def plan_evaluation(
     Raises:
         ConfigError: for anything that is not valid.
     """
-    chosen = load_scenario(scenario)
+    chosen = resolve_scenario(scenario)
     resolved = resolve_robot(chosen, params, list(overrides))
     runners, skipped = fitting_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     files = {title: each for title, each in file_hashes(given_files(policies)).items() if title not in skipped}
     names = {policy_title(name): name for name in policies if policy_title(name) not in skipped}
-    return EvaluationPlan(tuple(runners), names, files, skipped, scenario, chosen, resolved, asked.episodes, asked.seed)
+    return EvaluationPlan(tuple(runners), names, files, skipped, chosen, resolved, asked.episodes, asked.seed)
 
 
 def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluation:
@@ -149,7 +147,7 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     progress(plan.policies[0].name, 0, 0)
-    env = SFFRFlexEnv(scenario=plan.file, params=plan.params)
+    env = SFFRFlexEnv(scenario=plan.scenario, params=plan.params)
     env.reset(seed=plan.seed)
     episodes = plan.episodes or (DEFAULT_EPISODES if env.episode.drawn else 1)
     ends = np.cumsum([0, *(_length(env, plan.seed + i) for i in range(episodes))]).tolist()
@@ -171,7 +169,7 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
 
 def evaluate(
     policies: Sequence[str],
-    scenario: str | os.PathLike[str] = "nominal",
+    scenario: ScenarioLike = "nominal",
     episodes: int | None = None,
     seed: int = EVALUATION_SEED,
     params: ParamsLike = None,
@@ -183,7 +181,7 @@ def evaluate(
     Args:
         policies: names, ``.npz`` files of learned ones, or laws of your own as ``mine.py:MyLaw``. Where a scenario's
             plant is not what the controllers believe, HSC and AHSC run with the right model as well.
-        scenario: a shipped scenario's name or a file.
+        scenario: a shipped scenario's name, a file, or a mapping of its keys.
         episodes: of each policy; None for 10, or for 1 if the scenario draws nothing.
         seed: of the first episode, the next one has the next number.
         params: a ``Params`` object, a file, or None for the case study.
