@@ -13,7 +13,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.model import MOST_STEPS, pack, steps_in
 from sffr_gym.task.scenario import load_scenario
 from sffr_workbench.benchmark import Plan
-from sffr_workbench.benchmark.tuning import tune_hsc
+from sffr_workbench.benchmark.tuning import tune_law
 from sffr_workbench.evaluation import evaluate
 from sffr_workbench.figures.animation import MovieOptions, animate
 
@@ -119,7 +119,7 @@ def test_numbers_of_episodes_have_ranges(episodes):
     for run in (
         lambda: evaluate(["hsc"], episodes=episodes),
         lambda: Plan(("ahsc",), ("nominal",), episodes, 1_000_000, params),
-        lambda: tune_hsc(params, episodes=episodes),
+        lambda: tune_law("hsc-tuned", params, episodes=episodes),
     ):
         with pytest.raises(ConfigError, match=r"^argument: episodes = .*: must be "):
             run()

@@ -21,7 +21,7 @@ BENCHMARK = ["benchmark", "hsc", "ahsc", "-s", "short.yaml", "-n", 6, "-j", 2, "
 VERIFY = ["verify", "--quick", "--section", "coupling", "--out", "run"]
 REPRODUCE = ["reproduce", "--duration", 1.0, "--out", "run"]
 ANIMATE = ["animate", "ahsc", "-s", "short.yaml", "--out", "movie.gif", "--size", 200]
-TUNE = ["tune-hsc", "-s", "short.yaml", "-n", 1, "--evaluations", 6, "--out", "tuned.yaml"]
+TUNE = ["tune-law", "hsc-tuned", "-s", "short.yaml", "-n", 1, "--evaluations", 6, "--out", "tuned.yaml"]
 
 
 def scenario(seconds=1.0):

@@ -9,7 +9,7 @@ from sffr_baselines import make_policy
 from sffr_baselines.panel_reaction import BENDING
 from sffr_baselines.regulator import optimal_gain, sampled_panel, worth_of_effort
 from sffr_baselines.rollout import result_of, rollout
-from sffr_baselines.settings import load_regulator_weights
+from sffr_baselines.settings import load_settings
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.actuators import pack_actuators
@@ -221,7 +221,7 @@ def test_forces_follow_the_gain():
     env = SFFRFlexEnv()
     policy, fields = make_policy("lqr", env), env.fields
     moved, rest = observation(env, 3), observation(env, 3, still=True)
-    weights, gap = load_regulator_weights(), moved - rest
+    weights, gap = load_settings("lqr"), moved - rest
     gain = optimal_gain(PARAMS, K_PZ, weights.effort * worth_of_effort(PARAMS, K_PZ, weights.swing))
     x, xd = (gap[fields[name].slice].reshape(2, 3)[:, BENDING] for name in ("elastic", "elastic_rate"))
     wanted = -np.hstack([x, xd]) @ gain.T

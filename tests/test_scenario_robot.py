@@ -130,10 +130,10 @@ def test_an_override_that_the_scenario_would_undo_is_refused(make):
     assert agreeing.params.actuators.piezo.voltage == 100.0
 
 
-@pytest.mark.parametrize("command", ["evaluate", "benchmark", "animate", "tune-hsc"])
+@pytest.mark.parametrize("command", ["evaluate", "benchmark", "animate", "tune-law"])
 def test_commands_refuse_it_too(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    policies = [] if command == "tune-hsc" else ["ahsc"]
+    policies = ["lqr"] if command == "tune-law" else ["ahsc"]
     result = sffr(command, *policies, "--scenario", "weak", "--set", CONFLICT, "--out", tmp_path / "out.gif")
     assert result.exit_code == 2 and "scenario weak sets it otherwise" in " ".join(result.output.split())
 

@@ -118,8 +118,13 @@ def test_export_of_a_run_takes_no_options_of_zips(option, finished, tmp_path):
 
 @pytest.mark.parametrize(
     ("command", "name"),
-    [(["export", "RUN"], "a.npz"), (["curves", "RUN"], "a.png"), (["phase", "sac"], "a.png"), (["tune-hsc"], "a.yaml")],
-)
+    [
+        (["export", "RUN"], "a.npz"),
+        (["curves", "RUN"], "a.png"),
+        (["phase", "sac"], "a.png"),
+        (["tune-law", "lqr"], "a.yaml"),
+    ],
+)  # fmt: skip
 def test_a_file_is_not_replaced_unless_asked(command, name, finished, tmp_path, monkeypatch):
     """Which is told before anything is imported."""
     monkeypatch.setattr("sffr_workbench.common.extras.find_spec", lambda name: None)

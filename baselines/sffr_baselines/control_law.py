@@ -13,11 +13,14 @@ import numpy as np
 from sffr_baselines.free_floating import FloatWork, float_base, float_shapes
 from sffr_baselines.mic import Gains, MicWork, answer, ask, mic_shapes
 from sffr_baselines.observer import Observer, estimate, integrate
-from sffr_baselines.panel_reaction import PanelReaction, add_panel_reaction
-from sffr_baselines.regulator import Regulator, regulate
+from sffr_baselines.panel_reaction import N_BENDING, PanelReaction, add_panel_reaction
+from sffr_baselines.position_feedback import PositionFeedback, feed_back
+from sffr_baselines.predictive import Plan, Predictive, plan_shapes, predict
+from sffr_baselines.regulator import Regulator, deviate, regulate
 from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes
 from sffr_baselines.suppression import Suppression, suppress
 from sffr_gym.compile.kernels import kernel
+from sffr_gym.compile.lanes import where
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.model import N_BASE, Model
 from sffr_gym.task.observation import ObservationIndex
@@ -35,6 +38,8 @@ class Law(NamedTuple):
     at: ObservationIndex  #: index map of the observation
     suppression: Suppression  #: the panels' law
     regulator: Regulator  #: what is added to it, of no effect in the paper's laws
+    predictive: Predictive  #: what the piezos' limits ask of the regulator, likewise
+    filters: PositionFeedback  #: positive position feedback of the panels, likewise
     observer: Observer  #: what it makes of measurements, of no effect in them
     floating: bool  #: whether the base has no thrusters, and the law controls what is left
     reaction: PanelReaction  #: feed-forward of what the panels pull the base with, of no effect in them
@@ -52,6 +57,9 @@ class LawState(NamedTuple):
     errors: Array  #: (n_t, 2) estimates of the tracked errors and of their rates
     late: Array  #: (1,) 1 if the sensors were found to lag a period, else 0
     age: Array  #: (1,) observations that the estimates were made of
+    filters: Array  #: (n_p, 2, 2) of positive position feedback: each mode's filter, and its rate
+    plan: Array  #: (n_p, n) what the last prediction under limits found, see :class:`predictive.Predictive`
+    wait: Array  #: (1,) control periods until the next one
 
 
 class LawWork(NamedTuple):
@@ -61,19 +69,25 @@ class LawWork(NamedTuple):
     schedule: ScheduleWork
     floating: FloatWork
     seen: Array  #: (n_o,) what the law acts on
+    deviation: Array  #: (4,) of a panel's q5, q6 and of their rates from the quasi-static motion
+    plan: Plan
 
 
 def law_shapes(law):
     """Shapes of the :class:`LawWork` of a :class:`Law`."""
     n_o = law.at.reference_acceleration + 2
-    return LawWork(mic_shapes(law.prior), schedule_shapes(law), float_shapes(), seen=(n_o,))
+    return LawWork(
+        mic_shapes(law.prior), schedule_shapes(law), float_shapes(), seen=(n_o,), deviation=(2 * N_BENDING,),
+        plan=plan_shapes(law.predictive),
+    )  # fmt: skip
 
 
 def state_shapes(law):
     """Shapes of the :class:`LawState` of a :class:`Law`."""
     n_p, n_t = len(law.allocation), len(law.observer.error)
     return LawState(
-        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), integral=(n_t,), errors=(n_t, 2), late=(1,), age=(1,)
+        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), integral=(n_t,), errors=(n_t, 2), late=(1,), age=(1,),
+        filters=(n_p, N_BENDING, 2), plan=(n_p, law.predictive.scale.shape[1]), wait=(1,),
     )  # fmt: skip
 
 
@@ -96,8 +110,9 @@ def start_state(law: Law, states: LawState, i: int) -> None:
 def state_at(states, i):
     """The :class:`LawState` in row ``i`` of states (n, ...)."""
     return LawState(
-        states.B_hat[i], states.factor[i], states.integral[i], states.errors[i], states.late[i], states.age[i]
-    )
+        states.B_hat[i], states.factor[i], states.integral[i], states.errors[i], states.late[i], states.age[i],
+        states.filters[i], states.plan[i], states.wait[i],
+    )  # fmt: skip
 
 
 @kernel
@@ -118,8 +133,7 @@ def control(law, state, work, command):
     n_volts = law.allocation.shape[0] * law.allocation.shape[1]
     volts, seen = command[:n_volts], work.seen
     suppress(law.suppression, law.allocation, law.scale[:n_volts], law.at, seen, state.factor, state.B_hat, volts)
-    if law.regulator.active:
-        regulate(law.regulator, law.at, seen, volts)
+    _act_on_deviations(law, state, work, volts)
     thrust, torque = command[n_volts : n_volts + N_BASE], command[n_volts + N_BASE :]
     ask(law.prior, law.reference, law.held, law.gains, law.at, seen, state.integral, work.mic)
     if law.floating:
@@ -134,3 +148,22 @@ def control(law, state, work, command):
         for k in range(n_volts, len(command)):
             excess = max(excess, abs(command[k]) - law.scale[k])
         integrate(law.observer, seen, excess > 0.0, state)
+
+
+@kernel
+def _act_on_deviations(law, state, work, volts):
+    """Add to ``volts`` (n_p n_c,) what the panels' deviations from the quasi-static motion ask for; as before."""
+    if not (law.regulator.active or law.filters.active):
+        return
+    n_p, n_c, _ = law.allocation.shape
+    x, hold, wait = work.deviation, law.predictive.hold, state.wait[0]
+    for i in range(n_p):
+        own = volts[i * n_c : (i + 1) * n_c]
+        deviate(law.regulator, law.at, work.seen, i, x)
+        if law.regulator.active:
+            regulate(law.regulator, x, own)
+        if law.filters.active:
+            feed_back(law.filters, i, x, state.filters[i], own)
+        if hold > 0:
+            predict(law.predictive, i, x, wait, state.plan[i], work.plan, own)
+    state.wait[0] = where(wait > 0.0, wait, 1.0 * hold) - 1.0

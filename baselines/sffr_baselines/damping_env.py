@@ -65,6 +65,8 @@ class DampingEnvironment(RobotEnvironment):
             (damping.law.B_hat, 0.0, np.inf, "law.B_hat"), (damping.law.factor, 0.0, np.inf, "law.factor"),
             (damping.law.late, 0.0, 1.0, "law.late"), (damping.law.age, 0, MOST_TICKS, "law.age"),
             (damping.law.integral, -FAR, FAR, "law.integral"), (damping.law.errors, -FAR, FAR, "law.errors"),
+            (damping.law.filters, -FAR, FAR, "law.filters"), (damping.law.plan, -FAR, FAR, "law.plan"),
+            (damping.law.wait, -1.0, MOST_TICKS, "law.wait"),
             (damping.features, -bound, bound, "features"), (damping.end, 0, MOST_TICKS, "end"),
         ):  # fmt: skip
             check_range(values, low, high, f"state.damping.{name}")

@@ -229,6 +229,11 @@ def _load_state(states, i, state):
     gather(states.integral, i, state.integral)
     gather(states.late, i, state.late)
     gather(states.age, i, state.age)
+    for panel in range(len(state.filters)):
+        for mode in range(len(state.filters[panel])):
+            gather(states.filters[:, panel, mode], i, state.filters[panel, mode])
+        gather(states.plan[:, panel], i, state.plan[panel])
+    gather(states.wait, i, state.wait)
 
 
 @kernel
@@ -241,3 +246,8 @@ def _store_state(state, lane, states, i):
     take(state.integral, lane, states.integral[i])
     take(state.late, lane, states.late[i])
     take(state.age, lane, states.age[i])
+    for panel in range(len(state.filters)):
+        for mode in range(len(state.filters[panel])):
+            take(state.filters[panel, mode], lane, states.filters[i, panel, mode])
+        take(state.plan[panel], lane, states.plan[i, panel])
+    take(state.wait, lane, states.wait[i])

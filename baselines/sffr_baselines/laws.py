@@ -9,9 +9,18 @@ from sffr_baselines.control_law import Law, LawState, law_shapes, make_states
 from sffr_baselines.mic import Gains
 from sffr_baselines.observer import make_observer
 from sffr_baselines.panel_reaction import make_panel_reaction
+from sffr_baselines.position_feedback import make_position_feedback
+from sffr_baselines.predictive import make_predictive, no_prediction
 from sffr_baselines.regulator import make_regulator
 from sffr_baselines.schedule import make_schedule
-from sffr_baselines.settings import load_regulator_weights, load_tuned_damping
+from sffr_baselines.settings import (
+    TUNED,
+    FilterSettings,
+    RegulatorWeights,
+    Settings,
+    TunedDamping,
+    load_settings,
+)
 from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_suppression
 from sffr_gym.compile.kernels import Call
 from sffr_gym.compile.workspace import new_workspace
@@ -33,7 +42,10 @@ SUPPRESSION = {  # the panels' part of each law, see suppression.make_suppressio
     "ahsc-filtered": {"active": True, "adaptive": True, "filtered": True},
     "hsc-tuned": {"active": True, "adaptive": False},
     "lqr": {"active": True, "adaptive": False, "damps": False},
+    "mpc": {"active": True, "adaptive": False, "damps": False},
+    "ppf": {"active": True, "adaptive": False, "damps": False},
 }
+TRACKING = ("mpc",)  # laws that track better than the paper's without an ending that says so, see tracking()
 FEEDFORWARD, FILTERED = "-ff", "-kf"  # endings of laws that track better than the paper's, see tracking()
 NOISE = Observer(  # of the scenario `noise`, and accelerations that let integral action and impulses through
     position=1.0e-4, angle=1.0e-4, velocity=5.0e-4, rate=5.0e-4, acceleration=0.3, angular_acceleration=0.3
@@ -143,24 +155,28 @@ class OraclePolicy(LawPolicy):
         return super().__call__(obs)
 
 
-def make_law(name: str, prior: Params) -> Law:
+def make_law(name: str, prior: Params, settings: Settings | None = None) -> Law:
     """Pack a law with what its controller believes.
 
     Args:
         name: a key of ``SUPPRESSION``, or one with ``-ff`` or ``-kf``; see :func:`tracking`.
         prior: what the controller believes of the robot.
+        settings: of the law; None for the shipped ones, of laws that have some.
     """
-    kind = name.removesuffix(FEEDFORWARD).removesuffix(FILTERED)
-    weights = load_regulator_weights() if kind == "lqr" else None
-    if kind == "hsc-tuned":
-        prior = load_tuned_damping().applied_to(prior)
-    if kind != name:
+    kind = kind_of(name)
+    if settings is None and kind in TUNED:
+        settings = load_settings(kind)
+    weights = settings if isinstance(settings, RegulatorWeights) else None
+    if isinstance(settings, TunedDamping):
+        prior = settings.applied_to(prior)
+    if kind != name or kind in TRACKING:
         prior = prior.model_copy(update={"control": tracking(prior.control, filters=name.endswith(FILTERED))})
     model = pack(prior)
     actuators = pack_actuators(prior, model)
     p, _ = initial_positions(prior, model)
     reference = circle_reference(prior, model, p)
     at = observation_index(observation_fields(model, prior))
+    K_PZ = actuators.K_PZ
     return Law(
         prior=model,
         reference=reference,
@@ -168,14 +184,23 @@ def make_law(name: str, prior: Params) -> Law:
         gains=Gains(prior.control.Kp, prior.control.Kd, prior.control.Ki),
         at=at,
         suppression=make_suppression(prior, **SUPPRESSION[kind]),
-        regulator=make_regulator(prior, model, reference, actuators.K_PZ, weights),
+        regulator=make_regulator(prior, model, reference, K_PZ, weights),
+        predictive=make_predictive(prior, K_PZ, weights)
+        if weights is not None and kind == "mpc"
+        else no_prediction(len(K_PZ), K_PZ.shape[2]),
+        filters=make_position_feedback(prior, K_PZ, settings if isinstance(settings, FilterSettings) else None),
         observer=make_observer(prior, model, reference, at),
         floating=prior.actuators.thrusters == "none",
-        reaction=make_panel_reaction(prior, model, actuators.K_PZ),
+        reaction=make_panel_reaction(prior, model, K_PZ),
         schedule=make_schedule(prior),
         allocation=actuators.allocation,
         scale=actuators.rated,
     )
+
+
+def kind_of(name: str) -> str:
+    """Return the key of ``SUPPRESSION`` of a law's name: what the panels' part of it is called."""
+    return name.removesuffix(FEEDFORWARD).removesuffix(FILTERED)
 
 
 def tracking(control: Control, *, filters: bool) -> Control:

@@ -34,6 +34,9 @@ POLICIES = {  # every name, with what it is
     "ahsc-ff": "AHSC that tracks: the panels' reaction fed forward, errors integrated, late sensors made up for",
     "lqr-ff": "lqr that tracks, likewise",
     "lqr-kf": "the same with its errors estimated by a Kalman filter, for noise",
+    "mpc": "lqr-ff that knows the limits of its piezos: model predictive control, see predictive",
+    "ppf": "positive position feedback: a filter for each mode of the panels, driven by displacements alone",
+    "ppf-ff": "the same that tracks as lqr-ff does",
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
 } | dict.fromkeys(shipped_policies(), "learned: AHSC with a schedule of its damping, see docs/agents.md")

@@ -81,7 +81,7 @@ def optimal_gain(prior: Params, K_PZ: Array, effort_weight: float) -> Array:
     """
     if not effort_weight > 0.0:
         raise ValueError(f"effort_weight must be positive [J/V2], got {effort_weight}")
-    M, K, A, G = _sampled_bending(prior)
+    M, K, A, G = sampled_bending(prior)
     G, Q, R = G @ K_PZ[BENDING], block_diag(K, M) / 2.0, effort_weight * np.eye(K_PZ.shape[1])
     P = solve_discrete_are(A, G, Q, R)
     return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ A), dtype=np.float64)
@@ -100,7 +100,7 @@ def worth_of_effort(prior: Params, K_PZ: Array, swing: float) -> float:
         K_PZ: (3, n_c) tip forces for a volt on each channel.
         swing: amplitude of the tip [m].
     """
-    M, K, A, G = _sampled_bending(prior)
+    M, K, A, G = sampled_bending(prior)
     panel, driven = one_element_beam(prior.panel), damped_coordinates(prior)
     modes = clamped_modes(panel, 0.0, np.inf)
     shape = swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]
@@ -122,7 +122,7 @@ def worth_of_effort(prior: Params, K_PZ: Array, swing: float) -> float:
     return float(weights * (start @ energy @ start) / (start @ effort @ start))
 
 
-def _sampled_bending(prior: Params) -> tuple[Array, Array, Array, Array]:
+def sampled_bending(prior: Params) -> tuple[Array, Array, Array, Array]:
     """Return mass and stiffness (2, 2) of q5 and q6, and the exact step of them under held forces."""
     panel = one_element_beam(prior.panel)
     M, K = panel.M_ff[BENDING, BENDING], panel.K[BENDING, BENDING]
@@ -150,20 +150,24 @@ def sampled_panel(M: Array, D: Array, K: Array, period: float) -> tuple[Array, A
 
 
 @kernel
-def regulate(law, at, obs, volts):
-    """Add the regulator's piezo voltages of all panels to ``volts`` (n_p n_c,).
+def deviate(law, at, obs, i, x):
+    """Write the deviation of q5, q6 of panel ``i`` and of their rates from the quasi-static motion into ``x`` (4,).
 
     law: a :class:`Regulator`; at: index map of the observation ``obs`` (n_o,).
     """
-    n_c = len(law.gain)
-    for i in range(len(law.across)):
-        push, push_rate = root_acceleration(law, at, obs, i)
-        q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
-        for j in range(N_BENDING):
-            deviation = obs[q + j] - law.shape[1 + j] * push
-            rate = obs[qd + j] - law.shape[1 + j] * push_rate
-            for c in range(n_c):
-                volts[i * n_c + c] -= law.gain[c, j] * deviation + law.gain[c, N_BENDING + j] * rate
+    push, push_rate = root_acceleration(law, at, obs, i)
+    q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
+    for j in range(N_BENDING):
+        x[j] = obs[q + j] - law.shape[1 + j] * push
+        x[N_BENDING + j] = obs[qd + j] - law.shape[1 + j] * push_rate
+
+
+@kernel
+def regulate(law, x, volts):
+    """Add the regulator's voltages (n_c,) of a panel for its deviation ``x`` (4,); law: a :class:`Regulator`."""
+    for j in range(N_BENDING):
+        for c in range(len(volts)):
+            volts[c] -= law.gain[c, j] * x[j] + law.gain[c, N_BENDING + j] * x[N_BENDING + j]
 
 
 @kernel

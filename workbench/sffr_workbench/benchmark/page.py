@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from sffr_baselines.laws import ORACLES
-from sffr_baselines.settings import load_tuned_damping
+from sffr_baselines.settings import TunedDamping, load_settings
 from sffr_gym import ConfigError
 from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import package_version
@@ -212,10 +212,12 @@ def _failures(results: Sequence[Result]) -> str:
 
 def _tuned(plan: Plan) -> str:
     """Return the numbers of ``hsc-tuned`` and where they come from."""
-    found, (_, q5, q6) = load_tuned_damping(), plan.params.suppression.B0
+    tuned, start = load_settings("hsc-tuned"), TunedDamping.start(plan.params)
+    assert isinstance(tuned, TunedDamping) and tuned.found is not None
+    found = tuned.found
     rows = [
-        ["`hsc`", format_number(q5), format_number(q6), f"{found.hsc_cost:.4f}"],
-        ["`hsc-tuned`", format_number(found.q5), format_number(found.q6), f"{found.cost:.4f}"],
+        ["`hsc`", format_number(start.q5), format_number(start.q6), f"{found.start_cost:.4f}"],
+        ["`hsc-tuned`", format_number(tuned.q5), format_number(tuned.q6), f"{found.cost:.4f}"],
     ]
     head = ["policy", "q5 [N s/m]", "q6 [N m s/rad]", "cost on the training episodes"]
     return f"{markdown_table(head, rows)}\n\nConstant virtual damping, found on {found.date}. `{found.command}`"

@@ -1,22 +1,26 @@
-"""The best constant virtual damping of HSC, found by an optimiser on training episodes: the policy ``hsc-tuned``."""
+"""Settings of a law that cost least on training episodes, found by an optimiser."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from sffr_baselines import make_policy
+from sffr_baselines.laws import LawPolicy, make_law
+from sffr_baselines.policies import Policy
 from sffr_baselines.rollout import result_of, rollout
-from sffr_baselines.settings import TunedDamping
+from sffr_baselines.settings import TUNED, Settings
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.files import write_whole
+from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange
 from sffr_gym.task.score import REFERENCE, Result, costs
@@ -25,90 +29,129 @@ from sffr_gym.types import Array
 SCENARIO, TRAINING_EPISODES, EVALUATIONS = "excited", 20, 60
 FIRST_STEP = 0.2  # of the decimal logarithms
 TOLERANCE = 1.0e-3  # of the decimal logarithms, 0.2 %
+WORST = 1.0e3  # cost of settings out of their ranges
+DIGITS = 4  # of what is written
 
-OnPair = Callable[[float, float, float], Any]  # called with q5, q6 and their cost
+OnTrial = Callable[[Settings, float], Any]  # called with settings and their cost
+S = TypeVar("S", bound=Settings)
 
 
 @dataclass(frozen=True)
 class Tuning:
     """What was found."""
 
-    q5: float  #: virtual damping of the bending coordinates [N s/m, N m s/rad]
-    q6: float
-    cost: float  #: with it
-    hsc_cost: float  #: with B0; both relative to AHSC on the same episodes
-    evaluations: int  #: how many pairs were tried
+    name: str  #: of the law
+    settings: Settings  #: of least cost
+    cost: float  #: with them
+    start_cost: float  #: with those that the search began from; both relative to AHSC on the same episodes
+    evaluations: int  #: how many settings were tried
 
 
-def tune_hsc(
+def tune_law(
+    name: str,
     params: Params,
-    scenario: str = SCENARIO,
+    scenarios: Sequence[str] = (SCENARIO,),
     episodes: int = TRAINING_EPISODES,
     seed: int = 0,
     evaluations: int = EVALUATIONS,
-    on_pair: OnPair = lambda q5, q6, cost: None,
+    on_trial: OnTrial = lambda settings, cost: None,
 ) -> Tuning:
-    """Minimise HSC's cost over its two bending dampings by the simplex method of Nelder and Mead, from B0 on.
+    """Minimise a law's cost over the logarithms of its settings by the simplex method of Nelder and Mead.
 
     Args:
+        name: a key of ``settings.TUNED``.
         params: the robot.
-        scenario: shipped name or file.
-        episodes: of training, the same for every pair.
+        scenarios: shipped names or files; the costs are averaged over them.
+        episodes: of training in each scenario, the same for all settings.
         seed: of the first one.
-        evaluations: stop after about as many pairs, if not before at 0.2 %.
-        on_pair: called with every pair and its cost.
+        evaluations: stop after about as many settings, if not before at 0.2 %.
+        on_trial: called with all settings that are tried, and their cost.
 
     Raises:
-        ConfigError: for seeds that are for evaluation alone, for no episodes, or if B0 has a zero.
+        ConfigError: for a law without settings, for seeds that are for evaluation alone, for no episodes, or for
+            settings to begin from of which one is zero.
     """
+    if name not in TUNED:
+        raise ConfigError(f"law {name!r}{did_you_mean(name, TUNED)} has no settings to tune; {', '.join(TUNED)} have")
     check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     if seed + episodes > EVALUATION_SEED:
         raise ConfigError(
             f"seeds {seed} to {seed + episodes - 1}: training takes those from 0 to {EVALUATION_SEED - 1}"
         )
-    env = SFFRFlexEnv(scenario=scenario, params=params)
-    prior = env.params
-    start = np.array(prior.suppression.B0[1:])
-    if not start.all():
-        raise ConfigError(f"suppression.B0 = {list(prior.suppression.B0)}: q5 and q6 must be positive to start from")
-    reference = _episodes(env, REFERENCE, prior, seed, episodes)
+    envs = [SFFRFlexEnv(scenario=scenario, params=params) for scenario in scenarios]
+    start = TUNED[name].start(params)
+    first = searched(start)
+    if not first.all():
+        raise ConfigError(f"{', '.join(start.SEARCHED)} = {first.tolist()}: must be positive to start from")
+    references = [_episodes(env, make_policy(REFERENCE, env), seed, episodes) for env in envs]
 
-    def cost(logarithms: Array) -> float:
-        q5, q6 = (float(value) for value in 10.0**logarithms)
-        damping = TunedDamping(q5=q5, q6=q6, cost=0.0, hsc_cost=0.0, command="", date="")
-        own = _episodes(env, "hsc", damping.applied_to(prior), seed, episodes)
-        value = costs({REFERENCE: reference, "hsc": own})["hsc"]
-        on_pair(q5, q6, value)
+    def cost(settings: Settings) -> float:
+        terms = []
+        for env, reference in zip(envs, references, strict=True):
+            own = _episodes(env, LawPolicy(name, make_law(name, env.params, settings)), seed, episodes)
+            terms.append(costs({REFERENCE: reference, name: own})[name])
+        value = float(np.mean(terms))
+        on_trial(settings, value)
         return value
+
+    def trial(logarithms: Array) -> float:
+        try:
+            return cost(with_searched(start, 10.0**logarithms))
+        except ValidationError:  # of the ranges
+            return WORST
 
     from scipy.optimize import minimize  # here, since it takes longer to load than all else
 
-    simplex = np.log10(start) + FIRST_STEP * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    simplex = np.log10(first) + FIRST_STEP * np.vstack([np.zeros(len(first)), np.eye(len(first))])
     found = minimize(
-        cost, simplex[0], method="Nelder-Mead",
+        trial, simplex[0], method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": TOLERANCE, "fatol": 1.0e-5, "maxfev": evaluations},
     )  # fmt: skip
-    q5, q6 = (float(f"{value:.4g}") for value in 10.0**found.x)
-    return Tuning(q5, q6, cost(np.log10([q5, q6])), cost(simplex[0]), int(found.nfev))
+    best = with_searched(start, [float(f"{value:.{DIGITS}g}") for value in 10.0**found.x])
+    return Tuning(name, best, cost(best), cost(start), int(found.nfev))
 
 
-def write_damping(file: Path, tuning: Tuning, command: str) -> Path:
-    """Write what was found as the settings of ``hsc-tuned``."""
-    text = (
-        "# Constant virtual damping of hsc-tuned, written by the command below. Costs are relative to AHSC's on the\n"
-        f"# same episodes of training; the optimiser tried {tuning.evaluations} pairs.\n"
-        f"q5: {tuning.q5!r}   # N s/m, the tip's transverse displacement\n"
-        f"q6: {tuning.q6!r}   # N m s/rad, its slope\n"
-        f"cost: {tuning.cost:.5f}\n"
-        f"hsc_cost: {tuning.hsc_cost:.5f}   # of the paper's B(0)\n"
-        f"command: {json.dumps(command)}\n"
-        f"date: {datetime.now(UTC):%Y-%m-%d}\n"
-    )
+def searched(settings: Settings) -> Array:
+    """Return the numbers that are searched, one after another."""
+    return np.concatenate([np.atleast_1d(getattr(settings, name)) for name in settings.SEARCHED])
+
+
+def with_searched(settings: S, numbers: Sequence[float] | Array) -> S:
+    """Return the settings with other numbers in place of those that are searched.
+
+    Raises:
+        ValidationError: for numbers out of their ranges.
+    """
+    values, rest = settings.model_dump(), [float(number) for number in numbers]
+    for name in settings.SEARCHED:
+        if isinstance(values[name], tuple):
+            count = len(values[name])
+            values[name], rest = tuple(rest[:count]), rest[count:]
+        else:
+            values[name], rest = rest[0], rest[1:]
+    return type(settings).model_validate(values)
+
+
+def write_settings(file: Path, tuning: Tuning, command: str) -> Path:
+    """Write what was found as the settings of the law, with where it comes from."""
+    lines = [
+        f"# Settings of {tuning.name}, written by the command below. Costs are relative to AHSC's on the same episodes",
+        f"# of training; the optimiser tried {tuning.evaluations} settings.",
+    ]
+    for name, field in type(tuning.settings).model_fields.items():
+        if name != "found":
+            lines.append(f"{name}: {json.dumps(getattr(tuning.settings, name))}   # {field.description}")
+    lines += [
+        "found:",
+        f"  cost: {tuning.cost:.5f}",
+        f"  start_cost: {tuning.start_cost:.5f}",
+        f"  command: {json.dumps(command)}",
+        f"  date: {datetime.now(UTC):%Y-%m-%d}",
+    ]
     file.parent.mkdir(parents=True, exist_ok=True)
-    return write_whole(file, text.encode())
+    return write_whole(file, ("\n".join(lines) + "\n").encode())
 
 
-def _episodes(env: SFFRFlexEnv, policy: str, prior: Params, seed: int, count: int) -> list[Result]:
-    """Run episodes of a policy that believes in ``prior``."""
-    runner = make_policy(policy, prior)
-    return [result_of(rollout(env, runner, seed + i)) for i in range(count)]
+def _episodes(env: SFFRFlexEnv, policy: Policy, seed: int, count: int) -> list[Result]:
+    """Run episodes of a policy."""
+    return [result_of(rollout(env, policy, seed + i)) for i in range(count)]

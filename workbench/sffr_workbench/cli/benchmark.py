@@ -1,4 +1,4 @@
-"""The commands ``sffr benchmark``, ``sffr compare`` and ``sffr tune-hsc``: arguments, and what the terminal shows."""
+"""The commands ``sffr benchmark``, ``sffr compare`` and ``sffr tune-law``: arguments, and what the terminal shows."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from sffr_baselines.settings import TUNED, Settings
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import check_target
-from sffr_gym.envs.arguments import resolve_params, resolve_robot
+from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED, load_scenario, scenario_names
 from sffr_gym.task.score import WEIGHTS
 from sffr_workbench.benchmark import Plan, SuiteScores, common_episodes, ranked, score_suite
 from sffr_workbench.benchmark.episodes import unfit_policies
 from sffr_workbench.benchmark.page import RESULTS_FILE
 from sffr_workbench.benchmark.run import SUITE_EPISODES, default_policies, run_benchmark
-from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_hsc, write_damping
+from sffr_workbench.benchmark.tuning import EVALUATIONS, SCENARIO, TRAINING_EPISODES, tune_law, write_settings
 from sffr_workbench.cli.options import (
     Address,
     BackendName,
@@ -29,7 +31,6 @@ from sffr_workbench.cli.options import (
     Overwrite,
     ParamsFile,
     Quiet,
-    ScenarioName,
     argument,
     option,
     whole,
@@ -47,7 +48,7 @@ def add_commands(app: typer.Typer) -> None:
     """Add the commands of this module to the command line."""
     app.command("benchmark")(benchmark_command)
     app.command("compare", no_args_is_help=True)(compare_command)
-    app.command("tune-hsc")(tune_hsc_command)
+    app.command("tune-law", no_args_is_help=True)(tune_law_command)
 
 
 def benchmark_command(
@@ -122,12 +123,18 @@ def compare_command(
     results.print(f"\n{count} common episodes of {', '.join(scores.scenarios)}", style="dim", soft_wrap=True)
 
 
-def tune_hsc_command(
-    scenario: ScenarioName = SCENARIO,
-    episodes: Annotated[int, option("--episodes -n", "Training episodes.", "N", parser=whole())] = TRAINING_EPISODES,
+def tune_law_command(
+    law: Annotated[str, argument("LAW", f"One of {', '.join(TUNED)}.", False)],
+    scenarios: Annotated[
+        list[str] | None,
+        option("--scenario -s", "Shipped name or YAML file; repeatable, for the mean.", "S", SCENARIO),
+    ] = None,
+    episodes: Annotated[
+        int, option("--episodes -n", "Training episodes in each.", "N", parser=whole())
+    ] = TRAINING_EPISODES,
     seed: Annotated[int, option("--seed", f"Seed of the first one, below {EVALUATION_SEED}.", "K", parser=whole())] = 0,
     evaluations: Annotated[
-        int, option("--evaluations", "About as many pairs at most.", "N", parser=whole(3, 10_000))
+        int, option("--evaluations", "About as many settings at most.", "N", parser=whole(3, 10_000))
     ] = EVALUATIONS,
     out: Annotated[Path | None, option("--out -o", "Settings to write.", "FILE", "print only")] = None,
     params: ParamsFile = None,
@@ -135,28 +142,36 @@ def tune_hsc_command(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the constant virtual damping of HSC that costs least: the policy hsc-tuned.
+    """Find the settings of a law that cost least.
 
-    Minimises the cost relative to AHSC on training episodes by the method of Nelder and Mead, from B(0) on. The shipped
-    numbers are in configs/policies/hsc-tuned.yaml.
+    Minimises the cost relative to AHSC on training episodes by the method of Nelder and Mead. The shipped settings are
+    in configs/policies, a file for each law.
     """
     notes, results = consoles(quiet)
     if out is not None:
         check_target(out, overwrite)
+    names = scenarios or [SCENARIO]
+    robot = resolve_params(params, overrides or [])
+    for name in names:
+        load_scenario(name).robot_of(robot, overrides or [])  # or refuse, before anything runs
     with interruptible(notes, "nothing was written"):
-        found = tune_hsc(
-            resolve_robot(load_scenario(scenario), params, overrides or []), scenario, episodes, seed, evaluations,
-            lambda q5, q6, cost: notes.print(
-                f"q5 {format_number(q5)} N s/m, q6 {format_number(q6)} N m s/rad: cost {cost:.5f}"
-            ),
+        found = tune_law(
+            law, robot, names, episodes, seed, evaluations,
+            lambda settings, cost: notes.print(f"{_shown(settings)}: cost {cost:.5f}", markup=False),
         )  # fmt: skip
         if out is not None:
-            write_damping(out, found, shlex.join(typed_command()))
+            write_settings(out, found, shlex.join(typed_command()))
     results.print(
-        f"q5 {found.q5} N s/m, q6 {found.q6} N m s/rad: cost {found.cost:.4f}; with B(0) {found.hsc_cost:.4f}; "
-        f"{found.evaluations} pairs tried",
-        soft_wrap=True,
-    )
+        f"{_shown(found.settings)}: cost {found.cost:.4f}; at the start {found.start_cost:.4f}; "
+        f"{found.evaluations} settings tried",
+        markup=False, soft_wrap=True,
+    )  # fmt: skip
+
+
+def _shown(settings: Settings) -> str:
+    """Return the settings that are searched as text."""
+    values = {name: np.atleast_1d(getattr(settings, name)) for name in settings.SEARCHED}
+    return ", ".join(f"{name} {' '.join(map(format_number, own))}" for name, own in values.items())
 
 
 def print_scores(console: Console, scores: SuiteScores) -> None:
