@@ -108,6 +108,8 @@ def test_the_solution_is_osqps(overrides):
         np.testing.assert_allclose(volts_of(law, gain, x), expected, atol=1e-3)
         bound += np.abs(expected - np.clip(-gain @ x, -LIMIT, LIMIT)).max() > 1.0
     assert bound > 2, "limits must make a difference"
+    small = 1.0e-3 * swing(0)
+    np.testing.assert_array_equal(volts_of(law, gain, small), -gain @ small, "no search where no limit is in reach")
 
 
 def test_channels_that_bend_alike_are_one_unknown():

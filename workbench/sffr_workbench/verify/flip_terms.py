@@ -52,7 +52,12 @@ LOOP = {  # file: function: what it computes
     f"{LAWS}/suppression.py": {"suppress": "20, 48", "_adapt": "24, 39"},
     f"{LAWS}/regulator.py": {
         "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
+        "deviate": "quasi-static",
         "worth_of_effort": "score", "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
+    },
+    f"{LAWS}/predictive.py": {"problem": "programme", "predict": "limits", "solve": "gradient"},
+    f"{LAWS}/position_feedback.py": {
+        "make_position_feedback": "modes", "sampled_filter": "sampling", "feed_back": "filter",
     },
     f"{LAWS}/panel_reaction.py": {"make_panel_reaction": "2", "add_panel_reaction": "2-4, 45, 48"},
     f"{LAWS}/observer.py": {
@@ -84,6 +89,8 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{LAWS}/free_floating.py": ["test_free_floating.py", "-k", "tracked and none"],
     f"{LAWS}/mic.py": ["test_mic.py"], f"{LAWS}/suppression.py": ["test_suppression.py"],
     f"{LAWS}/regulator.py": ["test_regulator.py", "-k", "not ahsc"],  # whole circles take the interpreter minutes
+    f"{LAWS}/predictive.py": ["test_predictive.py", "-k", "problem or osqps"],
+    f"{LAWS}/position_feedback.py": ["test_position_feedback.py", "-k", "sampled or modes_are or piezos_are or left"],
     f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
     f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or late or integrals or gain or tracked or prediction"],
     f"{LAWS}/schedule.py": ["test_schedule.py"],
@@ -100,6 +107,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("_factor", "1.0 / sqrt(A[j, j])"): "a factor of either sign has the same square",
     ("worth_of_effort", "swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]"): "swings of either side",
     ("worth_of_effort", "np.zeros_like(M)"): "zero",
+    ("make_position_feedback", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
     ("_kalman_gain", "1.0e-30 * np.eye(2)"): "far below rounding",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
