@@ -51,31 +51,29 @@ def swing(seed):
     return np.array([0.3, 0.1, 0.2, 0.1]) * rng.uniform(-1.0, 1.0, 4)
 
 
-def volts_of(law, gain, x, plan=None):
-    """The volts of a panel at a deviation, from the kernel."""
-    volts = -gain @ x
-    predict(
-        law, 0, x, 0.0, np.zeros(law.scale.shape[1]) if plan is None else plan, new_workspace(plan_shapes(law)), volts
-    )
+def volts_of(law, gain, x, last=0.0):
+    """The volts of a panel at a deviation, from the kernel; last: all unknowns of the solution before."""
+    volts, plan = -gain @ x, np.full(law.scale.shape[1], last)
+    predict(law, 0, x, 0.0, plan, new_workspace(plan_shapes(law)), volts)
     return volts
 
 
 @pytest.mark.parametrize("overrides", [WEAK, PATCHES], ids=["weak", "patches"])
 def test_the_problem_is_the_cost_of_all_time_to_come(overrides):
     """Held deviations from the regulator's volts, period by period, the regulator after them: x'Px + d'Hd."""
-    params, K_PZ, law, effort, (A, G, Q) = designed(*overrides)
-    n_c = G.shape[1]
+    params, K_PZ, _, effort, (A, G, Q) = designed(*overrides)
+    n_c, hold = G.shape[1], 3
     R = effort * np.eye(n_c)
     P = solve_discrete_are(A, G, Q, R)
     gain = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ A)
-    hessian, regulator = problem(params, K_PZ[0], R, law.hold)
+    hessian, regulator = problem(params, K_PZ[0], R, hold)
     start, d = swing(1), np.random.default_rng(2).normal(0.0, 100.0, (len(BLOCKS), n_c))
     x, own, total, means = start, start, 0.0, []
     for block, holds in enumerate(BLOCKS):
         mean = 0.0
-        for _ in range(holds * law.hold):
+        for _ in range(holds * hold):
             volts = d[block] - gain @ own
-            mean = mean - gain @ own / (holds * law.hold)
+            mean = mean - gain @ own / (holds * hold)
             total += x @ Q @ x + volts @ R @ volts
             x, own = A @ x + G @ volts, (A - G @ gain) @ own
         means.append(mean)
@@ -109,7 +107,9 @@ def test_the_solution_is_osqps(overrides):
         bound += np.abs(expected - np.clip(-gain @ x, -LIMIT, LIMIT)).max() > 1.0
     assert bound > 2, "limits must make a difference"
     small = 1.0e-3 * swing(0)
-    np.testing.assert_array_equal(volts_of(law, gain, small), -gain @ small, "no search where no limit is in reach")
+    np.testing.assert_array_equal(
+        volts_of(law, gain, small, 0.1), -gain @ small, "no search where no limit is in reach"
+    )
 
 
 def test_channels_that_bend_alike_are_one_unknown():

@@ -12,6 +12,7 @@ from sffr_gym.config import strict_yaml as config
 from sffr_gym.task.score import costs
 from sffr_workbench.benchmark.tuning import Tuning, searched, tune_law, with_searched, write_settings
 from sffr_workbench.cli.app import app
+from sffr_workbench.common.numbers import format_number
 from sffr_workbench.evaluation import evaluate
 
 
@@ -129,7 +130,7 @@ def test_command_writes_its_settings(swinging, tmp_path):
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output
     found = config.build(TunedDamping, *config.read_mapping(file))
-    assert f"q5 {found.q5}, q6 {found.q6}: cost" in done.output.replace("\n", " ")
+    assert f"q5 {format_number(found.q5)}, q6 {format_number(found.q6)}: cost" in done.output.replace("\n", " ")
 
 
 def test_command_says_what_is_wrong(tmp_path):

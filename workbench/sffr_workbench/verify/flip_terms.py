@@ -107,6 +107,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("_factor", "1.0 / sqrt(A[j, j])"): "a factor of either sign has the same square",
     ("worth_of_effort", "swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]"): "swings of either side",
     ("worth_of_effort", "np.zeros_like(M)"): "zero",
+    ("problem", "unknown"): "the cost is a square of the unknowns",
     ("make_position_feedback", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
     ("_kalman_gain", "1.0e-30 * np.eye(2)"): "far below rounding",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
