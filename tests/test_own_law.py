@@ -172,6 +172,15 @@ def test_nan_within_an_episode_ends_the_command_with_the_line(law, tmp_path):
     assert "mine.py:7: Law.__call__ returned NaN" in result.output
 
 
+def test_a_slow_law_is_told_before_it_runs(law, tmp_path):
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text("{name: short, description: short, duration: 0.02}", encoding="utf-8")
+    call = "        import time\n        time.sleep(2e-3)\n" + ZEROS
+    result = sffr("evaluate", law(simple(call)), "--no-figures", "-s", scenario, "-o", tmp_path / "run")
+    assert result.exit_code == 0, result.output
+    assert "note: Law takes 2" in result.output and "ms a call" in result.output
+
+
 def test_who_does_not_fit_is_skipped_with_the_reason_and_the_hash_is_kept(law, tmp_path):
     scenario = tmp_path / "short.yaml"
     scenario.write_text("{name: short, description: short, duration: 0.2}", encoding="utf-8")

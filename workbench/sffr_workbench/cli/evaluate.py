@@ -9,6 +9,7 @@ import typer
 
 from sffr_baselines import POLICIES
 from sffr_baselines.learned import shipped_policies
+from sffr_baselines.own_law import OwnPolicy
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
@@ -25,6 +26,7 @@ from sffr_workbench.evaluation import (
 from sffr_workbench.evaluation.run import DEFAULT_EPISODES
 from sffr_workbench.figures import draw_episode_figures
 
+SLOW = 3.0e-4  # s, of a call of a law; an episode of the case study then takes 17 s
 _LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
 _POLICY_HELP = (
     "Policies to compare; a learned one by its [bold].npz[/] file, a law of your own as [bold]mine.py:MyLaw[/].\n\n"
@@ -65,6 +67,11 @@ def evaluate_command(
     notes, results = consoles(quiet)
     out, draw = out or dated_folder(Path(scenario).stem), figures and can_draw(notes)
     plan = plan_evaluation(policies, scenario, episodes, seed, params, overrides or ())
+    for policy in plan.policies:
+        if isinstance(policy, OwnPolicy) and policy.call_time > SLOW:
+            minutes = policy.call_time * plan.scenario.ticks(plan.params) / 60.0
+            taken = f"{1000.0 * policy.call_time:.2g} ms a call, {minutes:.2g} min an episode"
+            notes.print(f"note: {policy.name} takes {taken}", markup=False, soft_wrap=True)
     if seed < EVALUATION_SEED:
         notes.print(f"note: seeds below {EVALUATION_SEED} are for training; compare agents on seeds from there up")
     with (
