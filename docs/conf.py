@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from docutils import nodes
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -37,6 +38,7 @@ myst_heading_anchors = 4
 myst_fence_as_directive = ["math"]
 html_theme = "furo"
 html_title = f"{project} {release}"
+html_math_renderer = "mathml"  # browsers draw it themselves, without network
 html_static_path = ["static"]
 html_css_files = ["wide.css"]
 
@@ -165,8 +167,23 @@ def _without_dots(parts: list[str]) -> list[str]:
     return kept
 
 
+def inline_math(writer: Any, node: nodes.math) -> None:
+    """Write a formula within a line."""
+    writer.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def display_math(writer: Any, node: nodes.math_block) -> None:
+    """Write a formula, or one below the other, on lines of their own."""
+    formulas = [part for part in re.split(r"\n\s*\n", node.astext()) if part.strip()]
+    drawn = "".join(convert(part, display="block") for part in formulas)
+    writer.body.append(f'<div class="formula">{drawn}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
-    """Register the directives, the shortening and the links."""
+    """Register the directives, the formulas, the shortening and the links."""
+    app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))
     app.add_directive("summary", Summary)
     app.add_directive("specification", Specification)
     app.add_directive("policies", Policies)

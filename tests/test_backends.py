@@ -98,7 +98,10 @@ ALIVE = "import ray, sys; ray.init(sys.argv[1], log_to_driver=False); print(sum(
 
 def alive(address):
     """How many nodes of a cluster live; 0 if it does not answer."""
-    asked = subprocess.run([sys.executable, "-c", ALIVE, address], capture_output=True, text=True)
+    try:
+        asked = subprocess.run([sys.executable, "-c", ALIVE, address], capture_output=True, text=True, timeout=40)
+    except subprocess.TimeoutExpired:
+        return 0
     return int(asked.stdout) if asked.returncode == 0 else 0
 
 
@@ -121,7 +124,7 @@ def two_nodes(monkeypatch):
                 node.wait(30)
 
 
-def until(holds, seconds=120.0):
+def until(holds, seconds=240.0):
     """Wait until something holds."""
     end = time.monotonic() + seconds
     while not holds():

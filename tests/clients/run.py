@@ -39,7 +39,7 @@ class Client:
 
 CLIENTS = {
     "sb3": Client("Stable-Baselines3", ("stable-baselines3", "sb3-contrib")),
-    "zoo": Client("RL Zoo", ("rl_zoo3", "sb3-contrib")),
+    "zoo": Client("RL Zoo", ("rl_zoo3", "sb3-contrib", "requests")),
     "cleanrl": Client(
         "CleanRL", ("torch", "tyro", "tensorboard", "stable-baselines3"), ("cleanrl==1.2.0",), "cleanrl_script.py"
     ),
