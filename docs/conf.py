@@ -169,16 +169,22 @@ def _without_dots(parts: list[str]) -> list[str]:
 
 def inline_math(writer: Any, node: nodes.math) -> None:
     """Write a formula within a line."""
-    writer.body.append(convert(node.astext()))
+    writer.body.append(convert(_with_primes(node.astext())))
     raise nodes.SkipNode
 
 
 def display_math(writer: Any, node: nodes.math_block) -> None:
     """Write a formula, or one below the other, on lines of their own."""
     formulas = [part for part in re.split(r"\n\s*\n", node.astext()) if part.strip()]
-    drawn = "".join(convert(part, display="block") for part in formulas)
+    drawn = "".join(convert(_with_primes(part), display="block") for part in formulas)
     writer.body.append(f'<div class="formula">{drawn}</div>')
     raise nodes.SkipNode
+
+
+def _with_primes(formula: str) -> str:
+    """Return a formula in which a prime and an exponent are one superscript, as the converter wants them."""
+    primed = r"('+)\^(\{[^{}]*\}|\\?\w)"
+    return re.sub(primed, lambda found: "^{" + "\\prime " * len(found[1]) + found[2] + "}", formula)
 
 
 def setup(app: Sphinx) -> None:

@@ -37,12 +37,12 @@ class Trials:
     """The finished trials of one search.
 
     Args:
-        file: that keeps them.
+        file: that keeps them, or what messages call the database.
         study: of Optuna.
         space: what is searched.
     """
 
-    def __init__(self, file: Path, study: optuna.Study, space: tuple[Dimension, ...]) -> None:
+    def __init__(self, file: Path | str, study: optuna.Study, space: tuple[Dimension, ...]) -> None:
         self._file, self._study = file, study
         self._space = {dimension.key: _distribution(dimension) for dimension in space}
 
@@ -214,7 +214,7 @@ def _names_in_database(file: Path) -> list[Any]:
 
 
 @contextmanager
-def _reading(file: Path) -> Iterator[None]:
+def _reading(file: Path | str) -> Iterator[None]:
     """Turn whatever Optuna raises on damaged trials into a line; raises ConfigError."""
     try:
         yield

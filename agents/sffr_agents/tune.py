@@ -19,6 +19,7 @@ from pydantic import Field
 
 from sffr_agents.config import TrainConfig
 from sffr_agents.folder import BEST, Tell, first_difference, holds_run, read_run, writing
+from sffr_agents.shared_study import is_database, open_shared
 from sffr_agents.study import Trials, locked, open_trials
 from sffr_agents.train import TrainingProgress, resume, train
 from sffr_agents.tune_config import TuneConfig, Value
@@ -56,7 +57,7 @@ class Search(Section):
 def tune(
     plan: TuneConfig,
     out: Path,
-    storage: Path | None = None,
+    storage: Path | str | None = None,
     seed: int = 0,
     progress: TuningProgress | None = None,
     tell: Tell = warnings.warn,
@@ -68,7 +69,9 @@ def tune(
     Args:
         plan: what to search.
         out: folder of the trainings, of ``trials.csv`` and of ``best.yaml``, the configuration of the best trial.
-        storage: file of the trials: an SQLite database if its suffix says so, else a journal; None for one in ``out``.
+        storage: file of the trials: an SQLite database if its suffix says so, else a journal; None for one in ``out``;
+            or the address of a database, such as ``postgresql://user@host/trials``, at which several machines may
+            search together, each with a folder of its own.
         seed: of the search itself.
         progress: called with what runs, the trainings done and all of them.
         tell: called with a line for each checkpoint of a training that is damaged.
@@ -82,11 +85,16 @@ def tune(
     """
     search, progress = Search.of(plan, seed), progress or (lambda what, done, total: None)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    if storage is not None and storage.absolute().parent == out.absolute() and storage.name in OWN:
-        raise ConfigError(f"{storage}: is the name of another file of the search; choose another --storage")
-    with RunFolder.claim(out, KIND, resume=True) as run, locked(storage) if storage else nullcontext():
+    file = None if storage is None or is_database(storage) else Path(storage)
+    if file is not None and file.absolute().parent == out.absolute() and file.name in OWN:
+        raise ConfigError(f"{file}: is the name of another file of the search; choose another --storage")
+    with RunFolder.claim(out, KIND, resume=True) as run, locked(file) if file else nullcontext():
         _begin(run, search)
-        with open_trials(storage or run.place(STUDY), search, plan.space) as trials:
+        with (
+            open_shared(str(storage), search, plan.space)
+            if is_database(storage)
+            else open_trials(file or run.place(STUDY), search, plan.space)
+        ) as trials:
             with writing(out, lambda: f"{len(trials.finished())} finished trials are kept; the same command goes on"):
                 _run_missing(run, plan, trials, seed, progress, tell)
             return trials.best()

@@ -38,7 +38,7 @@ class Client:
 
 
 CLIENTS = {
-    "sb3": Client("Stable-Baselines3", ("stable-baselines3", "sb3-contrib")),
+    "sb3": Client("Stable-Baselines3", ("stable-baselines3", "sb3-contrib", "pillow")),
     "zoo": Client("RL Zoo", ("rl_zoo3", "sb3-contrib", "requests")),
     "cleanrl": Client(
         "CleanRL", ("torch", "tyro", "tensorboard", "stable-baselines3"), ("cleanrl==1.2.0",), "cleanrl_script.py"
@@ -47,7 +47,7 @@ CLIENTS = {
     "torchrl": Client("TorchRL", ("torchrl", "torch")),
     "skrl": Client("skrl", ("skrl", "torch")),
     "tianshou": Client("Tianshou", ("tianshou",)),
-    "minari": Client("Minari", ("minari", "h5py", "torch")),
+    "minari": Client("Minari", ("minari", "h5py", "pillow", "torch")),
 }
 
 

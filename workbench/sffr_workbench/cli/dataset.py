@@ -43,7 +43,7 @@ def dataset_command(
     pip install "sffr-gym\[data]".
     """
     notes, results = consoles(quiet)
-    require("data", "minari", "h5py")
+    require("data", "minari", "h5py", "PIL")
     asked = resolve_params(params, overrides or [])
     plan = DatasetPlan(tuple(policies), scenario, episodes, seed, env_id, asked, infos)
     with interruptible(notes, f"what was finished is in {out}"), ProgressBar(notes, *time_left()) as progress:

@@ -205,8 +205,11 @@ def tune_command(
         option("--out -o", "Run folder.", "DIR", "runs/tune-<search>"),
     ] = None,
     storage: Annotated[
-        Path | None,
-        option("--storage", "Trials: SQLite for .db or .sqlite, else a journal.", "FILE", "study.journal in DIR"),
+        str | None,
+        option(
+            "--storage", "Trials: SQLite for .db or .sqlite, else a journal; or a database's URL for several machines.",
+            "FILE", "study.journal in DIR",
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip

@@ -1,0 +1,91 @@
+"""The trials of a search in a database that several machines reach: each takes the next one, and sees all.
+
+Unlike those in a file they depend on which machine asks first: the same search again finds other settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import optuna
+from optuna.storages import RDBStorage
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from sffr_agents.folder import first_difference
+from sffr_agents.study import SEARCH, Trials
+from sffr_agents.tune_config import Dimension, Value
+from sffr_gym.config.files import short_hash
+from sffr_gym.config.strict_yaml import ConfigError
+
+PREFIX = "sffr-"  # of a study's name, the hash of its search behind
+
+
+def is_database(storage: object) -> bool:
+    """Say whether a storage is the address of a database, such as ``postgresql://user@host/trials``, not a file."""
+    return isinstance(storage, str) and "://" in storage
+
+
+class SharedTrials(Trials):
+    """The trials of one search, of which others may be running elsewhere; see :class:`study.Trials`."""
+
+    _running: optuna.Trial | None = None
+
+    def propose(self, untuned: dict[str, Value], seed: int) -> dict[str, Value]:
+        """Return the values of the next trial: the untuned ones for whoever comes first, then what TPE samples.
+
+        Args:
+            untuned: values of the first trial; those that are missing are sampled.
+            seed: of the search; of no effect, since trials depend on what other machines have finished.
+        """
+        if not self._study.get_trials(deepcopy=False):
+            self._study.enqueue_trial(untuned, skip_if_exists=True)
+        self._running = self._study.ask(fixed_distributions=self._space)
+        return self._running.params
+
+    def add(self, values: dict[str, Value], cost: float) -> None:
+        """Finish the trial that was proposed."""
+        assert self._running is not None and self._running.params == values
+        self._study.tell(self._running, cost)
+
+
+@contextmanager
+def open_shared(url: str, search: dict[str, Any], space: tuple[Dimension, ...]) -> Iterator[SharedTrials]:
+    """Open the trials of a search in a database, which are made if there are none.
+
+    Args:
+        url: of the database; nothing else in it is touched.
+        search: what tells the search from others, of plain values.
+        space: what is searched.
+
+    Raises:
+        ConfigError: if the database cannot be reached or used; the message has no password.
+    """
+    try:
+        shown = make_url(url).render_as_string(hide_password=True)
+        storage = RDBStorage(url)
+    except (SQLAlchemyError, ImportError, RuntimeError, ValueError) as error:
+        what = url.partition("://")[0]
+        raise ConfigError(f"storage of {what}: cannot be used: {_first_line(error, url)}") from None
+    try:
+        sampler = optuna.samplers.TPESampler(constant_liar=True)  # keeps away from what others are trying
+        name = f"{PREFIX}{short_hash(search)}"
+        study = optuna.create_study(storage=storage, study_name=name, sampler=sampler, load_if_exists=True)
+        held = study.user_attrs.get(SEARCH)
+        if held is None:
+            study.set_user_attr(SEARCH, search)
+        elif first_difference(held, search):
+            raise ConfigError(f"{shown}: its study {name} is of another search")
+        yield SharedTrials(shown, study, space)
+    except SQLAlchemyError as error:
+        raise ConfigError(f"{shown}: {_first_line(error, url)}") from None
+    finally:
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _first_line(error: BaseException, url: str) -> str:
+    """Return what is wrong in a line without the address, which may hold a password."""
+    return (str(error).splitlines() or [type(error).__name__])[0].replace(url, "...")[:200]
