@@ -2,10 +2,12 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import time
 from pathlib import Path
 
@@ -111,7 +113,11 @@ def two_nodes(monkeypatch):
     pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")  # whatever other clusters of this user ask for
     port = 6390 + os.getpid() % 100
-    address, nodes = f"127.0.0.1:{port}", [ray_node("--head", f"--port={port}", "--include-dashboard=false")]
+    folder = tempfile.mkdtemp(
+        prefix="ray-"
+    )  # of its own, or later clients would look for this head; sockets want it short
+    head = ray_node("--head", f"--port={port}", "--include-dashboard=false", f"--temp-dir={folder}")
+    address, nodes = f"127.0.0.1:{port}", [head]
     try:
         until(lambda: alive(address) == 1)
         nodes.append(ray_node(f"--address={address}"))
@@ -122,6 +128,7 @@ def two_nodes(monkeypatch):
             if node.poll() is None:
                 os.killpg(node.pid, signal.SIGKILL)
                 node.wait(30)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def until(holds, seconds=240.0):
