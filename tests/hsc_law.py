@@ -6,7 +6,7 @@ import numpy as np
 
 from sffr_baselines import ControlLaw, UnfitError
 from sffr_gym.physics.beam import one_element_beam
-from sffr_gym.task.reference import circle_reference
+from sffr_gym.task.reference import path_reference
 
 
 class HSC(ControlLaw):
@@ -17,7 +17,7 @@ class HSC(ControlLaw):
             raise UnfitError("needs an object and panels")
         self.model, self.Kp, self.Kd = simulator.model, params.control.Kp, params.control.Kd
         state = simulator.initial_state()
-        self.reference = circle_reference(params, simulator.model, np.concatenate([*simulator._flat(state)[:1]]))
+        self.reference = path_reference(params, simulator.model, np.concatenate([*simulator._flat(state)[:1]]))
         self.at = {name: field.start for name, field in self.fields.items()}
         self.holding = {grasp.arm: g for g, grasp in enumerate(params.object.grasps)}
         model = self.model

@@ -238,7 +238,7 @@ def test_a_step_beyond_the_end_is_defined():
     env.reset(seed=0)
     steps = [env.step(zeros(env)) for _ in range(4)]
     assert [step[3] for step in steps] == [False, True, True, True] and env.time == pytest.approx(0.2)
-    assert steps[1][1] < 0.0 and steps[2][1] == steps[3][1] == 0.0 and steps[3][4]["reward_vibration"] == 0.0
+    assert steps[1][1] > 0.0 and steps[2][1] == steps[3][1] == 0.0 and steps[3][4]["reward_vibration"] == 0.0
     np.testing.assert_array_equal(steps[1][0], steps[3][0])
 
 

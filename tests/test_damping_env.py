@@ -50,8 +50,9 @@ def test_action_zero_is_the_law_bit_for_bit(law, scenario):
     np.testing.assert_array_equal([info["vibration"] for info in infos], last[:, VIBRATION])
     np.testing.assert_array_equal([info["object_error"] for info in infos], last[:, 0])
     assert truncated[-1] and not any(truncated[:-1])
-    weight = bare.prior_task.weights.vibration * bare.prior_task.period
-    total = -weight * expected.signals[:, VIBRATION].reshape(10, 50).sum(axis=1)
+    term = bare.params.reward.vibration
+    earned = term.weight / (1.0 + np.log(1.0 + expected.signals[:, VIBRATION] / term.scale))
+    total = earned.reshape(10, 50).sum(axis=1)
     np.testing.assert_allclose([info["reward_vibration"] for info in infos], total, rtol=1e-12)
     for reward, info in zip(rewards, infos, strict=True):
         assert reward == pytest.approx(sum(info[f"reward_{name}"] for name in REWARDS), rel=1e-12)
@@ -225,8 +226,8 @@ def test_vec_env_gives_last_observations_and_says_why_episodes_end(per_panel):
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3, 4))
     for k, action in enumerate(actions):
         obs, rewards, dones, infos = env.step(action.reshape(env.num_envs, -1))
-        expected, total, *_ = twin.step(action)
-        np.testing.assert_allclose(rewards.reshape(3, -1).sum(axis=1), total, rtol=1e-5)
+        expected, *_ = twin.step(action)
+        np.testing.assert_allclose(rewards.reshape(3, -1).sum(axis=1), -twin.step_prices.sum(axis=1), rtol=1e-5)
         assert dones.all() == (k == 2) and dones.any() == (k == 2)
     last = [info["terminal_observation"] for info in infos]
     np.testing.assert_array_equal(last, expected.reshape(env.num_envs, -1))

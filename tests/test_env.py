@@ -138,18 +138,17 @@ def test_reward_is_the_sum_of_its_terms():
     """The reward is the sum of the terms in info, each the docstring's formula of the measures in info."""
     env = SFFRFlexEnv("excited")
     env.reset(seed=4)
-    weights, T = env.params.reward, env.params.control.period
+    weights = env.params.reward
     for _, reward, _, _, info in rollout(env, actions(30)):
         assert reward == pytest.approx(sum(info[f"reward_{name}"] for name in REWARDS), rel=1e-12)
-        expected = (
-            weights.tracking.weight * (info["object_error"] / weights.tracking.scale) ** 2,
-            weights.vibration.weight * info["vibration"] / weights.vibration.scale,
-            weights.effort.weight * np.sum(info["applied"][:6] ** 2) / weights.effort.scale**2,
-        )
-        assert [info[f"reward_{name}"] for name in REWARDS] == pytest.approx(
-            [-T * term for term in expected], rel=1e-12
-        )
-    assert min(expected) > 0.0
+        sizes = {
+            "tracking": (info["object_error"] / weights.tracking.scale) ** 2,
+            "vibration": info["vibration"] / weights.vibration.scale,
+            "effort": np.sum(info["applied"][:6] ** 2) / weights.effort.scale**2,
+        }
+        expected = [getattr(weights, name).weight / (1.0 + np.log(1.0 + x)) for name, x in sizes.items()]
+        assert [info[f"reward_{name}"] for name in REWARDS] == pytest.approx(expected, rel=1e-12)
+    assert min(sizes.values()) > 0.0
 
 
 @pytest.mark.parametrize("scenario", scenario_names())

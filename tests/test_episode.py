@@ -19,9 +19,9 @@ from sffr_gym.task.signals import SIGNALS
 
 SEEDS = range(60)
 SHIPPED = (
-    """degraded excited fast impulse mismatch noise nominal offset patches payload sprint thrust truth weak""".split()
-)
-OTHER_PLANT = ("payload", "mismatch", "weak", "thrust", "truth", "sprint")
+    "degraded excited fast impulse mismatch noise nominal offset patches payload slew sprint thrust truth weak"
+).split()
+OTHER_PLANT = ("payload", "mismatch", "slew", "weak", "thrust", "truth", "sprint")
 LINKS = [
     f"{arm}_link{k}" for arm, n in (("arm1", 2), ("arm2", 2), ("antenna", 1), ("camera", 1)) for k in range(1, n + 1)
 ]

@@ -4,7 +4,9 @@ import csv
 import io
 import json
 
+import numpy as np
 import pytest
+import yaml
 from report_runs import leave_run
 from rich.console import Console
 
@@ -16,9 +18,11 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import MEASURES, measure
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.score import costs
+from sffr_workbench.cli.evaluate import chosen_episodes
 from sffr_workbench.evaluation import (
     COLUMNS,
     Evaluation,
+    Recording,
     evaluate,
     open_run,
     read_episodes,
@@ -132,7 +136,7 @@ def test_table_fits_the_terminal_uncut(evaluation, width):
     assert not any("…" in line for line in lines)
     rows = [line.split() for line in lines]
     assert [row[0] for row in rows if row and row[0] in POLICIES] == POLICIES
-    shown = sum(column.always or width > 96 for column in COLUMNS)
+    shown = sum((column.always or width > 96) and column.measure in MEASURES for column in COLUMNS)
     assert all(len(row) == 1 + shown + 4 for row in rows if row and row[0] in POLICIES)
 
 
@@ -266,3 +270,33 @@ def test_a_run_is_replaced_whole(evaluation, tmp_path):
 def test_evaluation_refers_to_the_first_policy_without_ahsc(evaluation, failing):
     assert isinstance(evaluation, Evaluation)
     assert (evaluation.reference, failing.reference) == ("ahsc", "hsc")
+
+
+def test_chosen_episodes_are_recorded(tmp_path):
+    """Any of them, in double precision, the first under the plain name; one that does not exist is refused."""
+    short = load_scenario("excited").with_changes(duration=0.2)
+    file = tmp_path / "short.yaml"
+    file.write_text(yaml.safe_dump(short.model_dump(mode="json")))
+    done = evaluate(["hsc", "ahsc"], file, episodes=4, seed=SEED, record=[1, 3])
+    names = [f"recordings/{policy}{seed}.npz" for policy in ("hsc", "ahsc") for seed in ("", f"@{SEED + 3}")]
+    assert list(done.recordings) == names
+    assert {policy: trajectory.seed for policy, trajectory in done.first.items()} == {"hsc": SEED + 1, "ahsc": SEED + 1}
+    for name, content in done.recordings.items():
+        (tmp_path / "one.npz").write_bytes(content)
+        recording = Recording.read(tmp_path / "one.npz")
+        assert recording.seed == (SEED + 3 if "@" in name else SEED + 1) and recording.tips.dtype == np.float64
+    np.testing.assert_array_equal(
+        recording.tips, rollout(SFFRFlexEnv(file), make_policy("ahsc", done.params), SEED + 3).tips
+    )
+    assert len(evaluate(["hsc"], file, episodes=2, seed=SEED, record=None).recordings) == 2
+    with pytest.raises(ConfigError, match="record 4: episodes count from 0 to 3"):
+        evaluate(["hsc"], file, episodes=4, seed=SEED, record=[4])
+
+
+@pytest.mark.parametrize(("text", "episodes"), [("0", [0]), ("7, 0,3", [0, 3, 7]), ("all", None)])
+def test_episodes_to_record_are_a_list_or_all(text, episodes):
+    """As --record takes them; anything else is refused."""
+    assert chosen_episodes(text) == episodes
+    for wrong in "", "x", "-1", "1,,2", "1.5":
+        with pytest.raises(ConfigError, match="must be episodes counted from 0"):
+            chosen_episodes(wrong)

@@ -13,7 +13,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import pack
 from sffr_gym.task.observation import observation_fields, observation_index
-from sffr_gym.task.reference import circle_reference
+from sffr_gym.task.reference import path_reference
 
 LEVELS = {"position": 1.0e-4, "angle": 1.0e-4, "velocity": 5.0e-4, "rate": 5.0e-4}
 NOISE = str(LEVELS | {"acceleration": 0.3, "angular_acceleration": 0.3}).replace("'", "")
@@ -24,7 +24,7 @@ def designed(*overrides):
     """The observer of the case study, and what it tracks."""
     params = load_params().with_overrides(*overrides)
     model = pack(params)
-    reference = circle_reference(params, model, initial_positions(params, model)[0])
+    reference = path_reference(params, model, initial_positions(params, model)[0])
     at = observation_index(observation_fields(model, params))
     return make_observer(params, model, reference, at), tracked_errors(model, reference, at), at
 
@@ -151,7 +151,7 @@ def test_the_prediction_is_the_error_law_of_a_period(late):
     state.errors[:], state.integral[:] = rng.normal(size=(n_t, 2)), rng.normal(size=n_t)
     state.age[0], state.late[0] = 5.0, late
     e, ed, z = state.errors[:, 0].copy(), state.errors[:, 1].copy(), state.integral.copy()
-    seen, obs = np.zeros(law.at.reference_acceleration + 2), rng.normal(size=law.at.reference_acceleration + 2)
+    seen, obs = np.zeros(law.at.end), rng.normal(size=law.at.end)
     estimate(law.observer, law.gains, law.at, obs, state, seen)
     edd = -(900.0 * e + 300.0 * ed + 600.0 * z)
     np.testing.assert_allclose(seen[law.observer.error], e + T * ed + T**2 / 2.0 * edd, rtol=1e-12)
@@ -184,7 +184,7 @@ def test_a_late_measurement_is_an_error_of_a_period_ago():
     policy = LawPolicy("ahsc-ff", make_law("ahsc-ff", load_params()))
     own, rng = policy.law, np.random.default_rng(1)
     state, tracked, T = state_at(make_states(own, 1), 0), own.observer, own.observer.period
-    obs = rng.normal(size=own.at.reference_acceleration + 2)
+    obs = rng.normal(size=own.at.end)
     state.errors[:], state.age[0], state.late[0] = rng.normal(size=state.errors.shape), 5.0, 1.0
     e, ed, seen = state.errors[:, 0].copy(), state.errors[:, 1].copy(), np.zeros_like(obs)
     estimate(own.observer, own.gains, own.at, obs, state, seen)
@@ -204,7 +204,7 @@ def test_integrals_are_those_of_the_errors(saturated):
     own = make_law("ahsc-ff", load_params())
     state, seen = (
         state_at(make_states(own, 1), 0),
-        np.random.default_rng(2).normal(size=own.at.reference_acceleration + 2),
+        np.random.default_rng(2).normal(size=own.at.end),
     )
     integrate(own.observer, seen, saturated, state)
     integrate(own.observer, seen, saturated, state)

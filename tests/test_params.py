@@ -16,6 +16,7 @@ from sffr_gym.config.strict_yaml import ConfigError
 
 OTHER_WORDS = {
     "fixed": "tangent",
+    "none": "zv",
     "etdrk4": "rk4",
     "auto": "all",
     "exact": "staggered",
@@ -36,6 +37,7 @@ TOGETHER = {
     f"{TIP}.0.1": {f"{TIP}.0.1": 0.99},
     "initial.reach": {"initial.reach": "auto"},
     "path.speed": {"path.speed": 0.9, "initial.qd.0": 0.9},  # else the start follows the path
+    "path.kind": {"path.kind": "line", "initial.qd.0": 0.1},
     "path.heading": {"path.heading": "tangent", "initial.qd.2": 0.85 / 15.0},
 }
 

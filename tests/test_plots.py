@@ -46,7 +46,7 @@ def test_drawn_path_is_the_desired_motion(heading):
     env.reset(seed=0)
     t = np.linspace(0.0, 2.0 * np.pi / env.reference.rate, 25)
     places = [desired(env.reference, each)[:2] for each in t]
-    points = path_points(env.reference, env.reference.phase + env.reference.rate * t)
+    points = path_points(env.reference, t)
     np.testing.assert_allclose(points, places, rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.ptp(points, axis=0), 30.0, rtol=0, atol=0.3)
 

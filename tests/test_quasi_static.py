@@ -8,7 +8,7 @@ from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import pack, panel_beam
 from sffr_gym.task.quasi_static import quasi_static_amplitudes, quasi_static_at
-from sffr_gym.task.reference import circle_reference, desired
+from sffr_gym.task.reference import desired, path_reference
 
 TURNED = "initial.q=[0.1, 0.2, 0.4, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]"
 
@@ -18,7 +18,7 @@ def moving(request, params):
     """Return a robot whose base starts turned, its arrays, and its desired motion from somewhere on the circle."""
     robot: Params = params.with_overrides(f"path.heading={request.param}", TURNED, "panel.bending_cut=1.0e+6")
     model = pack(robot)
-    return robot, model, circle_reference(robot, model, initial_positions(robot, model)[0], phase=0.7)
+    return robot, model, path_reference(robot, model, initial_positions(robot, model)[0], phase=0.7)
 
 
 def root(reference, offset, t):
@@ -42,11 +42,11 @@ def test_elastic_forces_balance_the_inertia_of_a_panel_that_rides_along(moving):
 
 
 def test_rate_is_that_of_the_shape(moving):
-    """At the start, from the desired motion as from the time, and by central differences."""
+    """By central differences."""
     _, model, reference = moving
-    start, h = desired(reference, 0.0), 1e-3
-    shape, rate = quasi_static_amplitudes(model, reference, np.array([[start.xdd, start.ydd]]))
+    h = 1e-3
+    shape, rate = quasi_static_amplitudes(model, reference, np.zeros(1))
     before, now, after = quasi_static_at(model, reference, np.array([-h, 0.0, h]))
     np.testing.assert_allclose(now, shape[0], rtol=1e-13, atol=1e-18)
-    np.testing.assert_allclose((after - before) / (2.0 * h), rate[0], rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose((after - before) / (2.0 * h), rate[0], rtol=1e-6, atol=1e-13)
     assert rate.any() == (reference.turning == 0.0)  # seen from a robot that turns with the path nothing changes

@@ -8,6 +8,7 @@ from sffr_baselines import make_policy
 from sffr_baselines.rollout import STRIDE, rollout
 from sffr_gym import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.task.reference import N_REFERENCE
 from sffr_workbench.evaluation import open_run
 from sffr_workbench.evaluation.recording import Recording, grasp_forces, recording_files, recording_name
 from sffr_workbench.report import read_run
@@ -33,7 +34,7 @@ def test_recording_is_read_as_it_was_written(recording, tmp_path):
     for name in ("t", "p", "applied", "limit", "B_hat", "grasp", "signals", "tips"):
         np.testing.assert_allclose(getattr(again, name), getattr(recording, name), rtol=1e-6)
     np.testing.assert_array_equal(again.reference.joints, recording.reference.joints)
-    assert again.reference[:-1] == recording.reference[:-1]
+    assert again.reference[:N_REFERENCE] == recording.reference[:N_REFERENCE]
 
 
 def test_recording_keeps_the_episode(trajectory, recording):

@@ -10,7 +10,7 @@ from sffr_gym import load_params
 from sffr_gym.config.params import Params
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import object_slice, pack
-from sffr_gym.task.reference import Desired, Reference, circle_reference, desired
+from sffr_gym.task.reference import Desired, Reference, desired, path_reference
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ def make(*overrides: str, speed: float | None = None, phase: float = 0.0) -> tup
     params = load_params().with_overrides(*overrides)
     model = pack(params)
     p, _ = initial_positions(params, model)
-    return params, p, circle_reference(params, model, p, speed=speed, phase=phase)
+    return params, p, path_reference(params, model, p, speed=speed, phase=phase)
 
 
 def position(reference: Reference) -> Callable[[float], Array]:
@@ -75,7 +75,7 @@ def test_path_is_a_circle_to_the_left(reference: Reference) -> None:
 def test_path_leaves_from_the_object_along_x() -> None:
     """At phase 0 the start is the object's pose, at the configured speed along +x, and once around takes 110.9 s."""
     params, p, reference = make()
-    assert circle_reference(params, pack(params), p).phase == 0.0
+    assert path_reference(params, pack(params), p).phase == 0.0
     want = desired(reference, 0.0)
     np.testing.assert_allclose([want.x, want.y], TABLE_IV_OBJECT[:2], rtol=0, atol=1e-6)
     np.testing.assert_array_equal([want.x, want.y], p[object_slice(pack(params))][:2])

@@ -9,7 +9,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import arm_points
 from sffr_gym.physics.monolithic import constraint_jacobian
 from sffr_gym.task.episode import draw, nominal
-from sffr_gym.task.reference import circle_reference, desired
+from sffr_gym.task.reference import desired, path_reference
 from sffr_gym.task.scenario import load_scenario
 
 AT_REST = "initial.qd=[0, 0, 0, 0, 0, 0, 0, 0, 0]"
@@ -95,7 +95,7 @@ def test_a_drawn_speed_leaves_from_the_overridden_one():
     known = nominal(params)
     episode = draw(load_scenario("fast"), known, np.random.default_rng(3))
     speed = episode.drawn["path_speed_m_s"]
-    want = desired(circle_reference(episode.prior, known.model, episode.p), 0.0)
+    want = desired(path_reference(episode.prior, known.model, episode.p), 0.0)
     np.testing.assert_allclose(episode.v[known.model.at.object :], [want.xd, want.yd, want.turn], rtol=0, atol=1e-12)
     assert want.xd == speed != 0.7
     tip = arm_points(known.model, episode.p[:9], episode.v[:9], 0)[1]

@@ -118,7 +118,7 @@ BATCH = {  # values that a field of the batch cannot have
 }  # fmt: skip
 DAMPING = {
     "law.B_hat": [-1.0, NAN], "law.factor": [-1.0, np.inf], "law.integral": [1e300, NAN], "law.errors": [NAN],
-    "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "features": [1e3, NAN], "reward": [NAN], "end": [-1, HUGE],
+    "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "features": [1e3, NAN], "price": [NAN], "end": [-1, HUGE],
 }  # fmt: skip
 
 

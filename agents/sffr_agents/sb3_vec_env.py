@@ -1,8 +1,9 @@
 """The batch of ``SFFRFlexDamping-v0`` as a Stable-Baselines3 ``VecEnv``, with a row for each environment or each panel.
 
 With a row for each panel, one small network learns to schedule a single panel: every panel sees itself in its own axes,
-and is rewarded for its own vibration and effort and its share of tracking. The rows' rewards add up to the
-environment's.
+and pays for its own vibration and effort and its share of tracking. Rewards are the score's terms and have no bounds:
+the damping, which can only take energy out of a panel, gives no way to end an episode, the panels are linear, and
+what is learned from motions of one size then holds for all.
 """
 
 from __future__ import annotations
@@ -20,10 +21,8 @@ from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv, damping_spaces
 from sffr_gym.envs.arguments import check_options
 from sffr_gym.envs.infos import Infos
 from sffr_gym.envs.spaces import check_action
-from sffr_gym.task.reward import REWARDS
 from sffr_gym.types import Array
 
-TRACKING = REWARDS.index("tracking")
 OPTIONS = ("scenario",)  # of a reset
 
 
@@ -80,7 +79,7 @@ class DampingVecEnv(VecEnv):
 
         The info of a row is that of its environment, of a finished one that of its last step, and a dict of its own.
         """
-        obs, reward, terminated, truncated, infos = self.env.step(self._actions)
+        obs, _, terminated, truncated, infos = self.env.step(self._actions)
         done, rows = np.repeat(terminated | truncated, self.rows), self._row_infos(infos)
         late = np.repeat(truncated & ~terminated, self.rows).tolist()
         if done.any():
@@ -90,7 +89,7 @@ class DampingVecEnv(VecEnv):
                 rows[i]["terminal_observation"] = last[i // self.rows].reshape(self.rows, -1)[i % self.rows]
         for row, is_late in zip(rows, late, strict=True):
             row["TimeLimit.truncated"] = is_late
-        return self._row_observations(obs), self._row_rewards(reward), done, rows
+        return self._row_observations(obs), self._row_rewards(), done, rows
 
     def _row_infos(self, infos: Infos) -> list[dict[str, Any]]:
         """Return infos of environments as a dict for each row."""
@@ -101,12 +100,10 @@ class DampingVecEnv(VecEnv):
         """Return observations of environments as rows."""
         return obs.reshape(self.num_envs, -1)
 
-    def _row_rewards(self, reward: Array) -> np.ndarray:
-        """Return rewards of environments as rows: a panel's own vibration and effort, and its share of tracking."""
-        if self.rows == 1:
-            return reward.astype(np.float32)
-        own, terms = self.env.step_rewards
-        return (own + terms[:, TRACKING, None] / self.rows).ravel().astype(np.float32)
+    def _row_rewards(self) -> np.ndarray:
+        """Return rewards of rows: the negative price of each panel, or of all panels of each environment."""
+        prices = self.env.step_prices
+        return -prices.reshape(self.num_envs, -1).sum(axis=1).astype(np.float32)
 
     def close(self) -> None:
         """Close the environments."""

@@ -81,7 +81,7 @@ def act(law, tick, obs, states, actions, work):
     """
     for i in range(len(obs)):
         state = state_at(states, i)
-        perceive(law, obs[i], state, work)
+        perceive(law, tick[0] * law.observer.period, obs[i], state, work)
         if law.schedule.hold > 0 and tick[0] % law.schedule.hold == 0:
             update_schedule(law, work.seen, work.schedule, state.factor)
         control(law, state, work, actions[i])
@@ -105,7 +105,7 @@ def run(plant, reference, sensing, impulses, law, work, first, last, p, v, actua
     for tick in range(first, last):
         keep = tick % record.stride == 0
         row = tick // record.stride
-        perceive(law, obs, state, work.law)
+        perceive(law, tick * plant.period, obs, state, work.law)
         if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
             update_schedule(law, work.law.seen, work.law.schedule, state.factor)
         if keep:

@@ -18,6 +18,7 @@ from sffr_baselines.position_feedback import PositionFeedback, feed_back
 from sffr_baselines.predictive import Plan, Predictive, plan_shapes, predict
 from sffr_baselines.regulator import Regulator, deviate, regulate
 from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes
+from sffr_baselines.shaper import reshape_reference
 from sffr_baselines.suppression import Suppression, suppress
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import where
@@ -32,7 +33,8 @@ class Law(NamedTuple):
     """HSC and its relatives as one compiled law; everything here is what the controller believes."""
 
     prior: Model  #: the robot
-    reference: Reference  #: the formation that the task asks for
+    reference: Reference  #: what the task asks for
+    shaped: Reference  #: the path that the law follows instead, if it has pieces; the paper's laws follow the task's
     held: IntArray  #: joints that hold their angles
     gains: Gains  #: of the error law
     at: ObservationIndex  #: index map of the observation
@@ -69,16 +71,17 @@ class LawWork(NamedTuple):
     schedule: ScheduleWork
     floating: FloatWork
     seen: Array  #: (n_o,) what the law acts on
+    shaped: Array  #: (n_o,) what was measured, seen from the path that it follows
     deviation: Array  #: (4,) of a panel's q5, q6 and of their rates from the quasi-static motion
     plan: Plan
 
 
 def law_shapes(law):
     """Shapes of the :class:`LawWork` of a :class:`Law`."""
-    n_o = law.at.reference_acceleration + 2
+    n_o = law.at.end
     return LawWork(
-        mic_shapes(law.prior), schedule_shapes(law), float_shapes(), seen=(n_o,), deviation=(2 * N_BENDING,),
-        plan=plan_shapes(law.predictive),
+        mic_shapes(law.prior), schedule_shapes(law), float_shapes(), seen=(n_o,), shaped=(n_o,),
+        deviation=(2 * N_BENDING,), plan=plan_shapes(law.predictive),
     )  # fmt: skip
 
 
@@ -116,12 +119,16 @@ def state_at(states, i):
 
 
 @kernel
-def perceive(law, obs, state, work):
-    """Write what the law acts on, ``work.seen`` (n_o,), for a measured observation ``obs`` (n_o,).
+def perceive(law, t, obs, state, work):
+    """Write what the law acts on, ``work.seen`` (n_o,), for an observation ``obs`` (n_o,) measured at ``t`` [s].
 
     law: a :class:`Law`; state: its :class:`LawState`; work: :class:`LawWork`.
     """
-    estimate(law.observer, law.gains, law.at, obs, state, work.seen)
+    if len(law.shaped.pieces) > 0:
+        reshape_reference(law.reference, law.shaped, law.at, law.observer, t, obs, work.shaped)
+        estimate(law.observer, law.gains, law.at, work.shaped, state, work.seen)
+    else:
+        estimate(law.observer, law.gains, law.at, obs, state, work.seen)
 
 
 @kernel

@@ -107,14 +107,16 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     | 6 | its rate, over v^3 / r^2 | [-5, 5] |
 
     ## Reward
-    The reward of ``SFFRFlex-v0`` summed over the control periods of the step, term by term (``info["reward_<name>"]``).
+    The reward of ``SFFRFlex-v0`` summed over the control periods of the step, term by term (``info["reward_<name>"]``):
+    at most 50 in 0.1 s, never negative, so that no episode gains by its end. ``sffr train`` learns from the score's own
+    terms instead, which have no bounds, in a loop that its agent cannot make fail.
 
     ## Info
     As in ``SFFRFlex-v0``: reward terms and ``cost`` are sums over the step, the measures those of its last control
     period. ``damping`` is the damping that acts now, (panels, 3).
 
     ## Starting state
-    Drawn from the scenario, anywhere on the circle with ``random_phase``.
+    Drawn from the scenario, anywhere on a closed path with ``random_phase``.
 
     ## Episode end
     As in ``SFFRFlex-v0``; truncates after ``duration``. After that nothing moves, and the reward is 0.
@@ -126,12 +128,12 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     - ``rho``: largest factor; 1/rho is the smallest.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
     - ``duration``: length of an episode [s]; None for the scenario's.
-    - ``random_phase``: start anywhere on the circle.
+    - ``random_phase``: start anywhere on a closed path.
     - ``base_tolerance``: error of the base [m] at which an action counts half, further off less: the law by itself
       brings the base back. None: actions always count in full.
 
     ## Version history
-    - v0: first version.
+    - v0: first version. Before its release the reward was the unbounded negative cost, as that of ``SFFRFlex-v0``.
     """
 
     def __init__(
@@ -199,7 +201,8 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
     :class:`SFFRFlexVectorEnv`.
 
     Attributes:
-        step_rewards: of vibration and effort, panel by panel (n, panels), and all terms (n, 3), of the last step.
+        step_prices: (n, panels) what the score takes of the last step, panel by panel: over time, its vibration,
+            effort and share of the squared tracking error over their scales, times their weights.
 
     Args:
         num_envs: number of environments.
@@ -250,7 +253,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
         actions = step_limit(max_episode_steps)
         self._max_steps = None if actions is None else actions * self.law.schedule.hold
         self._damping = make_damping(self.law, num_envs)
-        self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()  # kept beyond a reset
+        self.step_prices = self._damping.price.copy()  # kept beyond a reset
 
     @property
     def damping(self) -> Array:
@@ -270,7 +273,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
 
     def _advance(self, actions: Array, active: Mask) -> None:
         super()._advance(actions, active)
-        self.step_rewards = self._damping.reward.copy(), self._batch.terms.copy()
+        self.step_prices = self._damping.price.copy()
 
     def _observed(self) -> np.ndarray:
         return self._damping.features.astype(self.observation_space.dtype)

@@ -36,6 +36,7 @@ from sffr_gym.envs.batch import (
 from sffr_gym.physics.actuators import command_of
 from sffr_gym.task.control_period import PeriodWork
 from sffr_gym.task.reward import REWARDS
+from sffr_gym.task.signals import ERROR
 from sffr_gym.task.status import RUNNING
 from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
@@ -48,7 +49,7 @@ class Damping(NamedTuple):
 
     law: LawState  #: (n, ...) of the law; its ``factor`` is that of the last decision
     features: Array  #: (n, n_p N_FEATURES) what the next decision sees
-    reward: Array  #: (n, n_p) reward of each panel's own vibration and effort during the last decision
+    price: Array  #: (n, n_p) of the last decision, panel by panel: what the score takes of it; see ``_add``
     end: IntArray  #: (n,) control period at which the episode is over
 
 
@@ -60,7 +61,7 @@ class Decision(NamedTuple):
     reward: Array  #: (1,)
     cost: Array  #: (1,)
     terms: Array  #: (3,)
-    panels: Array  #: (n_p,) reward of each panel
+    price: Array  #: (n_p,) of each panel
 
 
 class DecisionWork(NamedTuple):
@@ -83,7 +84,7 @@ def make_damping(law: Law, n: int) -> Damping:
     """Allocate ``n`` loops of one law."""
     n_p = len(law.allocation)
     return Damping(
-        law=make_states(law, n), features=np.zeros((n, n_p * N_FEATURES)), reward=np.zeros((n, n_p)),
+        law=make_states(law, n), features=np.zeros((n, n_p * N_FEATURES)), price=np.zeros((n, n_p)),
         end=np.zeros(n, dtype=np.int64),
     )  # fmt: skip
 
@@ -91,7 +92,7 @@ def make_damping(law: Law, n: int) -> Damping:
 def start_damping(law: Law, damping: Damping, i: int, end: int) -> None:
     """Put the law of environment ``i`` at the start of an episode that is over at control period ``end``."""
     start_state(law, damping.law, i)
-    damping.reward[i], damping.end[i] = 0.0, end
+    damping.price[i], damping.end[i] = 0.0, end
 
 
 class DampingStepper(Stepper):
@@ -145,7 +146,7 @@ def damping_range(groups, plants, batch, law, damping, actions, active, work, on
             for k in range(width):
                 if columns(decision.running)[0, k] > 0.0:
                     begin(task, batch, i + k, group, k)
-            perceive(law, group.obs, decision.law, work.law)
+            perceive(law, group.t[0] - task.period, group.obs, decision.law, work.law)
             control(law, decision.law, work.law, group.command)
             for k in range(len(group.command)):
                 group.command[k] = group.command[k] / law.scale[k]
@@ -182,29 +183,37 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
         running[0, k] = 1.0 if goes_on else 0.0
         if active[i + k]:
             batch.reward[i + k] = batch.cost[i + k] = 0.0  # stays so after the end of the episode
-            batch.terms[i + k, :] = damping.reward[i + k, :] = 0.0
+            batch.terms[i + k, :] = damping.price[i + k, :] = 0.0
             batch.clipped[i + k] = clipped(actions[i + k])
             apply_decision(law, batch.obs[i + k], actions[i + k], damping.law.factor[i + k])
     _load_state(damping.law, i, decision.law)
     decision.reward[0] = decision.cost[0] = 0.0
     decision.terms[:] = 0.0
-    decision.panels[:] = 0.0
+    decision.price[:] = 0.0
 
 
 @kernel
 def _add(task, group, period, decision):
-    """Add what a control period gave to the sums, where the episode still runs."""
+    """Add what a control period gave to the sums, where the episode still runs.
+
+    A panel's price is the integral over time of its own vibration and effort and its share of the squared tracking
+    error, each over its scale and times its weight: linear in them, as the score is, and without bounds.
+    """
     runs, weights = decision.running[0] > 0.0, task.weights
     decision.reward[0] += where(runs, group.reward[0], 0.0)
     decision.cost[0] += where(runs, group.cost[0], 0.0)
     for k in range(len(group.terms)):
         decision.terms[k] += where(runs, group.terms[k], 0.0)
-    n_c = task.actuators.gain.shape[1]
-    for k in range(len(period.energy)):
-        price = weights.vibration * period.energy[k]
+    n_c, n_p = task.actuators.gain.shape[1], len(period.energy)
+    square = group.signals[ERROR] * group.signals[ERROR]
+    for k in range(n_p):
+        effort = 0.0
         for c in range(k * n_c, (k + 1) * n_c):
-            price += weights.effort * period.applied[c] * period.applied[c]
-        decision.panels[k] -= where(runs, task.period * price, 0.0)
+            effort += period.applied[c] * period.applied[c]
+        price = weights.tracking * square / (weights.tracking_scale * n_p)
+        price += weights.vibration * period.energy[k] / weights.vibration_scale
+        price += weights.effort * effort / weights.effort_scale
+        decision.price[k] += where(runs, task.period * price, 0.0)
 
 
 @kernel
@@ -213,7 +222,7 @@ def _end_decision(law, batch, damping, i, group, period, decision, lane):
     store(batch, i, group, period, lane)
     batch.reward[i], batch.cost[i] = columns(decision.reward)[0, lane], columns(decision.cost)[0, lane]
     take(decision.terms, lane, batch.terms[i])
-    take(decision.panels, lane, damping.reward[i])
+    take(decision.price, lane, damping.price[i])
     _store_state(decision.law, lane, damping.law, i)
     write_features(law, batch.obs[i], damping.features[i])
 

@@ -21,6 +21,7 @@ from sffr_baselines.settings import (
     TunedDamping,
     load_settings,
 )
+from sffr_baselines.shaper import make_shaped_reference
 from sffr_baselines.suppression import COORDINATES, damped_coordinates, make_suppression
 from sffr_gym.compile.kernels import Call
 from sffr_gym.compile.workspace import new_workspace
@@ -31,7 +32,7 @@ from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import pack
 from sffr_gym.task.observation import held_joints, observation_fields, observation_index
-from sffr_gym.task.reference import circle_reference
+from sffr_gym.task.reference import path_reference
 from sffr_gym.types import Array
 
 ORACLES = {"hsc": "hsc-oracle", "ahsc": "ahsc-oracle"}  # the same laws with the right model
@@ -46,6 +47,7 @@ SUPPRESSION = {  # the panels' part of each law, see suppression.make_suppressio
     "ppf": {"active": True, "adaptive": False, "damps": False},
 }
 TRACKING = ("mpc",)  # laws that track better than the paper's without an ending that says so, see tracking()
+SHAPERS = {"shaped": "zvd", "shaped-zv": "zv"}  # laws that keep the panels calm by the path alone, piezos off
 FEEDFORWARD, FILTERED = "-ff", "-kf"  # endings of laws that track better than the paper's, see tracking()
 NOISE = Observer(  # of the scenario `noise`, and accelerations that let integral action and impulses through
     position=1.0e-4, angle=1.0e-4, velocity=5.0e-4, rate=5.0e-4, acceleration=0.3, angular_acceleration=0.3
@@ -70,7 +72,7 @@ class LawPolicy(Shown):
         self._call: Call | None = None
 
     def _told(self) -> dict[str, object]:
-        observations, actions = self.law.at.reference_acceleration + 2, len(self.law.scale)
+        observations, actions = self.law.at.end, len(self.law.scale)
         return {"name": self.name, "observations": observations, "actions": actions, "tick": self.tick}
 
     @property
@@ -97,7 +99,7 @@ class LawPolicy(Shown):
         Raises:
             ValueError: for observations of another robot, or if the number of environments changes without a reset.
         """
-        rows, size = np.atleast_2d(np.asarray(obs, dtype=np.float64)), self.law.at.reference_acceleration + 2
+        rows, size = np.atleast_2d(np.asarray(obs, dtype=np.float64)), self.law.at.end
         if rows.shape[1:] != (size,):
             raise ValueError(f"{self.name} expects observations of {size} numbers, got some of shape {np.shape(obs)}")
         if self._call is None or self.states is None:
@@ -114,7 +116,7 @@ class LawPolicy(Shown):
         law = self.law
         self.states = make_states(law, n)
         self._tick = np.zeros(1, dtype=np.int64)
-        self._rows, self._actions = np.zeros((n, law.at.reference_acceleration + 2)), np.zeros((n, len(law.scale)))
+        self._rows, self._actions = np.zeros((n, law.at.end)), np.zeros((n, len(law.scale)))
         memory = new_workspace(law_shapes(law))
         return act.bind(law, self._tick, self._rows, self.states, self._actions, memory)
 
@@ -163,23 +165,27 @@ def make_law(name: str, prior: Params, settings: Settings | None = None) -> Law:
         prior: what the controller believes of the robot.
         settings: of the law; None for the shipped ones, of laws that have some.
     """
-    kind = kind_of(name)
+    kind = "none" if name in SHAPERS else kind_of(name)
     if settings is None and kind in TUNED:
         settings = load_settings(kind)
     weights = settings if isinstance(settings, RegulatorWeights) else None
     if isinstance(settings, TunedDamping):
         prior = settings.applied_to(prior)
-    if kind != name or kind in TRACKING:
+    if name in SHAPERS:
+        control = tracking(prior.control, filters=False).model_copy(update={"shaper": SHAPERS[name]})
+        prior = prior.model_copy(update={"control": control})
+    elif kind != name or kind in TRACKING:
         prior = prior.model_copy(update={"control": tracking(prior.control, filters=name.endswith(FILTERED))})
     model = pack(prior)
     actuators = pack_actuators(prior, model)
     p, _ = initial_positions(prior, model)
-    reference = circle_reference(prior, model, p)
+    reference = path_reference(prior, model, p)
     at = observation_index(observation_fields(model, prior))
     K_PZ = actuators.K_PZ
     return Law(
         prior=model,
         reference=reference,
+        shaped=make_shaped_reference(prior, model, reference),
         held=held_joints(model),
         gains=Gains(prior.control.Kp, prior.control.Kd, prior.control.Ki),
         at=at,

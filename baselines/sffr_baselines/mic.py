@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.physics.model import N_BASE
+from sffr_gym.task.observation import reference_turning
 from sffr_gym.types import Array
 
 
@@ -55,13 +56,15 @@ def ask(prior, reference, held, gains, at, obs, integral, work):
     """
     Kp, Kd, Ki = gains.Kp, gains.Kd, gains.Ki
     turn, axd, ayd = obs[at.reference_turn], obs[at.reference_acceleration], obs[at.reference_acceleration + 1]
+    turn_acceleration, _ = reference_turning(at, obs)
     # Base axes seen from the reference axes, in which errors and the reference are given.
     yaw = reference.yaw - obs[at.yaw_error]
     cb, sb = cos(yaw), sin(yaw)
     e, ed = at.base_error, at.base_error_rate
-    ax = axd - turn * turn * reference.base_x + Kp * obs[e] + Kd * obs[ed] + Ki * integral[0]
-    ay = ayd - turn * turn * reference.base_y + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[1]
-    alpha = Kp * obs[at.yaw_error] + Kd * obs[at.yaw_error_rate] + Ki * integral[2]
+    bx, by = axd - turn_acceleration * reference.base_y, ayd + turn_acceleration * reference.base_x
+    ax = bx - turn * turn * reference.base_x + Kp * obs[e] + Kd * obs[ed] + Ki * integral[0]
+    ay = by - turn * turn * reference.base_y + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[1]
+    alpha = turn_acceleration + Kp * obs[at.yaw_error] + Kd * obs[at.yaw_error_rate] + Ki * integral[2]
     ax, ay = cb * ax + sb * ay, cb * ay - sb * ax
     work.base[0], work.base[1], work.base[2] = ax, ay, alpha
     _links(prior, obs, at, obs[at.yaw_rate], work)
@@ -83,6 +86,7 @@ def answer(prior, reference, gains, at, obs, integral, work, wrench, torque):
     """
     Kp, Kd, Ki = gains.Kp, gains.Kd, gains.Ki
     turn, axd, ayd = obs[at.reference_turn], obs[at.reference_acceleration], obs[at.reference_acceleration + 1]
+    turn_acceleration, _ = reference_turning(at, obs)
     yaw = reference.yaw - obs[at.yaw_error]
     cb, sb = cos(yaw), sin(yaw)
     ax, ay, alpha, w = work.base[0], work.base[1], work.base[2], obs[at.yaw_rate]
@@ -96,8 +100,9 @@ def answer(prior, reference, gains, at, obs, integral, work, wrench, torque):
         gx = c * prior.grasp_point[g, 0] - s * prior.grasp_point[g, 1]
         gy = s * prior.grasp_point[g, 0] + c * prior.grasp_point[g, 1]
         e, ed, z = at.tip_error + 2 * g, at.tip_error_rate + 2 * g, N_BASE + 2 * g
-        tx = axd - turn * turn * gx + Kp * obs[e] + Kd * obs[ed] + Ki * integral[z]
-        ty = ayd - turn * turn * gy + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[z + 1]
+        tx, ty = axd - turn_acceleration * gy, ayd + turn_acceleration * gx
+        tx = tx - turn * turn * gx + Kp * obs[e] + Kd * obs[ed] + Ki * integral[z]
+        ty = ty - turn * turn * gy + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[z + 1]
         tx, ty = cb * tx + sb * ty, cb * ty - sb * tx
         _reach(prior, prior.grasp_arm[g], tx - ax, ty - ay, alpha, w, work)
     _inverse_dynamics(prior, ax, ay, alpha, w, work, wrench, torque)
@@ -123,7 +128,9 @@ def _grip_forces(prior, reference, gains, at, obs, integral, cb, sb, work):
     fx = prior.object_mass * (obs[a] + Kp * obs[e] + Kd * obs[ed] + Ki * integral[z])
     fy = prior.object_mass * (obs[a + 1] + Kp * obs[e + 1] + Kd * obs[ed + 1] + Ki * integral[z + 1])
     turning, turning_rate = at.object_angle_error, at.object_angle_error_rate
-    moment = prior.object_inertia * (Kp * obs[turning] + Kd * obs[turning_rate] + Ki * integral[z + 2])
+    turn_acceleration, _ = reference_turning(at, obs)
+    alpha = turn_acceleration + Kp * obs[turning] + Kd * obs[turning_rate] + Ki * integral[z + 2]
+    moment = prior.object_inertia * alpha
     fx, fy = cb * fx + sb * fy, cb * fy - sb * fx
     # Object axes seen from the base axes.
     phi = reference.phi - obs[at.object_angle_error] - reference.yaw + obs[at.yaw_error]

@@ -20,7 +20,7 @@ from sffr_gym.config.params import Params
 from sffr_gym.config.sections import Observer as ObserverSection
 from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.model import Model
-from sffr_gym.task.observation import ObservationIndex
+from sffr_gym.task.observation import ObservationIndex, reference_turning
 from sffr_gym.task.reference import Reference
 from sffr_gym.types import Array, IntArray
 
@@ -166,12 +166,13 @@ def _correct(observer, gains, at, obs, state, k):
 
 @kernel
 def _reference_motion(observer, at, obs, k):
-    """Desired velocity and acceleration of tracked coordinate ``k``, reference axes; the turn's own is left out."""
+    """Desired velocity and acceleration of tracked coordinate ``k``, reference axes; without the turn's square."""
+    turn_acceleration, _ = reference_turning(at, obs)
     if observer.axis[k] == ANGLE:
-        return obs[at.reference_turn], 0.0
+        return obs[at.reference_turn], turn_acceleration
     axis = observer.axis[k]
     speed = obs[at.reference_velocity + axis] + obs[at.reference_turn] * observer.lever[k]
-    return speed, obs[at.reference_acceleration + axis]
+    return speed, obs[at.reference_acceleration + axis] + turn_acceleration * observer.lever[k]
 
 
 @kernel

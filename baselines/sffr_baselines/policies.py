@@ -37,6 +37,8 @@ POLICIES = {  # every name, with what it is
     "mpc": "lqr-ff that knows the limits of its piezos: model predictive control, see predictive",
     "ppf": "positive position feedback: a filter for each mode of the panels, driven by displacements alone",
     "ppf-ff": "the same that tracks as lqr-ff does",
+    "shaped": "piezos off, a motion from rest to rest shaped (ZVD) so that the panels end at rest",
+    "shaped-zv": "the same with the shorter ZV shaper",
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
 } | dict.fromkeys(shipped_policies(), "learned: AHSC with a schedule of its damping, see docs/agents.md")

@@ -17,9 +17,10 @@ from sffr_baselines.suppression import COORDINATES, damped_coordinates
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
 from sffr_gym.physics.actuators import LEAST_REACH
-from sffr_gym.physics.beam import N_TIP, Beam, clamped_modes, one_element_beam
+from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import Model
+from sffr_gym.task.observation import reference_turning
 from sffr_gym.task.reference import Reference
 from sffr_gym.task.score import WEIGHTS
 from sffr_gym.types import Array
@@ -35,6 +36,8 @@ class Regulator(NamedTuple):
     shape: Array  #: (3,) tip of a panel at rest whose root accelerates across it by 1 m/s2
     across: Array  #: (n_p, 2) direction across each undeformed panel, reference axes
     lever: Array  #: (n_p,) component of each panel's root along it, from the reference's centre [m]
+    turned: Array  #: (3,) tip of a panel at rest that is turned about its root by 1 rad/s2
+    reach: Array  #: (n_p,) component of each panel's root along the panel, from the reference's centre [m]
 
 
 def make_regulator(
@@ -55,12 +58,15 @@ def make_regulator(
     gain = np.zeros((K_PZ.shape[2], 2 * N_BENDING))
     if weights is not None and len(K_PZ):
         gain = optimal_gain(prior, K_PZ[0], weights.effort * worth_of_effort(prior, K_PZ[0], weights.swing))
+    panel = one_element_beam(prior.panel)
     return Regulator(
         active=weights is not None,
         gain=gain,
-        shape=_quasi_static_shape(one_element_beam(prior.panel)),
+        shape=np.asarray(-np.linalg.solve(panel.K, panel.S_y), dtype=np.float64),
         across=across,
         lever=np.asarray((across * root).sum(axis=1)),
+        turned=np.asarray(-np.linalg.solve(panel.K, panel.c_y), dtype=np.float64),
+        reach=np.asarray((model.panel_axis @ turn.T * root).sum(axis=1)),
     )
 
 
@@ -156,10 +162,11 @@ def deviate(law, at, obs, i, x):
     law: a :class:`Regulator`; at: index map of the observation ``obs`` (n_o,).
     """
     push, push_rate = root_acceleration(law, at, obs, i)
+    spin, spin_rate = reference_turning(at, obs)
     q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
     for j in range(N_BENDING):
-        x[j] = obs[q + j] - law.shape[1 + j] * push
-        x[N_BENDING + j] = obs[qd + j] - law.shape[1 + j] * push_rate
+        x[j] = obs[q + j] - law.shape[1 + j] * push - law.turned[1 + j] * spin
+        x[N_BENDING + j] = obs[qd + j] - law.shape[1 + j] * push_rate - law.turned[1 + j] * spin_rate
 
 
 @kernel
@@ -176,15 +183,15 @@ def root_acceleration(law, at, obs, i):
 
     law: a :class:`Regulator`; at: index map of the observation ``obs`` (n_o,).
 
-    The path's acceleration turns with its velocity, as on a circle, which gives the rate.
+    A circle's acceleration turns with its velocity, which gives the rate; on other paths the jerk is observed.
     """
     xd, yd, turn = obs[at.reference_velocity], obs[at.reference_velocity + 1], obs[at.reference_turn]
     xdd, ydd = obs[at.reference_acceleration], obs[at.reference_acceleration + 1]
-    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
     nx, ny = law.across[i, 0], law.across[i, 1]
+    if at.reference_jerk < at.end:
+        alpha, alpha_rate = reference_turning(at, obs)
+        push = nx * xdd + ny * ydd - turn * turn * law.lever[i] + alpha * law.reach[i]
+        jx, jy = obs[at.reference_jerk] + turn * ydd, obs[at.reference_jerk + 1] - turn * xdd  # seen from the axes
+        return push, nx * jx + ny * jy - 2.0 * turn * alpha * law.lever[i] + alpha_rate * law.reach[i]
+    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
     return nx * xdd + ny * ydd - turn * turn * law.lever[i], spin * (ny * xdd - nx * ydd)
-
-
-def _quasi_static_shape(panel: Beam) -> Array:
-    """Tip (3,) under the inertia of a transverse acceleration of 1 m/s2: ``-K^-1 m_fr``."""
-    return np.asarray(-np.linalg.solve(panel.K, panel.S_y), dtype=np.float64)

@@ -147,7 +147,9 @@ def true_observations(trajectory: Trajectory) -> Array:
 def result_of(trajectory: Trajectory) -> Result:
     """Measure an episode."""
     failure = trajectory.failure or instability(trajectory.signals, trajectory.period)
-    measures = measure(trajectory.signals, trajectory.period, failure)
+    path, ticks = trajectory.episode.prior.path, trajectory.episode.ticks
+    arrives = path.arrival is not None and path.arrival < ticks * trajectory.period
+    measures = measure(trajectory.signals, trajectory.period, failure, path.arrival if arrives else None)
     return Result(trajectory.scenario, trajectory.policy, trajectory.seed, measures, failure, trajectory.drawn)
 
 

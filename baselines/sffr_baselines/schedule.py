@@ -18,6 +18,7 @@ from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import length
 from sffr_gym.config.params import Params
 from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
+from sffr_gym.task.observation import reference_turning
 from sffr_gym.types import Array, IntArray
 
 N_MODES = 2  # bending modes of the law's panel of one element
@@ -95,8 +96,8 @@ def make_schedule(prior: Params) -> Schedule:
         modes=np.ascontiguousarray((modes.shapes.T @ element.M_ff)[bending, 1:]),
         omega=modes.omega[bending].copy(),
         energy=prior.reward.vibration.scale,
-        acceleration=path.speed**2 / path.radius,
-        acceleration_rate=path.speed**3 / path.radius**2,
+        acceleration=path.acceleration,
+        acceleration_rate=path.acceleration_rate,
         bounds=BOUNDS.copy(),
         sizes=np.zeros(2, dtype=np.int64),
         weights=np.zeros(0),
@@ -124,12 +125,17 @@ def write_features(law, obs, features):
         own, energy = features[i * N_FEATURES : (i + 1) * N_FEATURES], 0.0
         q, qd = law.at.elastic + N_TIP * i, law.at.elastic_rate + N_TIP * i
         push, push_rate = root_acceleration(law.regulator, law.at, obs, i)
+        spin, spin_rate = reference_turning(law.at, obs)
         side = -1.0 if push < 0.0 else 1.0
         for m in range(N_MODES):
             x = xd = 0.0
             for j in range(1, N_TIP):
-                x += schedule.modes[m, j - 1] * (obs[q + j] - law.regulator.shape[j] * push)
-                xd += schedule.modes[m, j - 1] * (obs[qd + j] - law.regulator.shape[j] * push_rate)
+                x += schedule.modes[m, j - 1] * (
+                    obs[q + j] - law.regulator.shape[j] * push - law.regulator.turned[j] * spin
+                )
+                xd += schedule.modes[m, j - 1] * (
+                    obs[qd + j] - law.regulator.shape[j] * push_rate - law.regulator.turned[j] * spin_rate
+                )
             x *= schedule.omega[m]
             energy += 0.5 * (x * x + xd * xd)
             own[2 * m], own[2 * m + 1] = x, xd

@@ -59,6 +59,7 @@ Slope = Annotated[float, Field(ge=-math.pi / 2.0, le=math.pi / 2.0)]  # rad, of 
 # speed the case study's circle takes a day.
 Radius = Annotated[float, Field(ge=1.0e-3, le=1.0e7)]  # m
 Speed = Annotated[float, Field(ge=1.0e-3, le=100.0)]  # m/s
+MoveTime = Annotated[float, Field(ge=0.01, le=1.0e6)]  # s, of a motion from rest to rest; its fifth power divides
 
 # Time. No loop on a spacecraft is faster than the least period; longer than the largest is taken for milliseconds.
 Period = Annotated[float, Field(ge=1.0e-6, le=0.1)]  # s

@@ -4,7 +4,6 @@ The tables and equations of the paper are cited in that file. ``params.py`` has 
 """
 
 import functools
-import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -40,7 +39,6 @@ from sffr_gym.config.ranges import (
     Place,
     Position,
     PositionGain,
-    Radius,
     Rate,
     RateGain,
     Reach,
@@ -49,7 +47,6 @@ from sffr_gym.config.ranges import (
     Share,
     Sine,
     Slope,
-    Speed,
     Velocity,
     Weight,
     YoungsModulus,
@@ -192,19 +189,6 @@ class Initial(Section):
         return None if qd is None else _coordinates(Velocity, Rate, len(qd)).validate_python(qd)
 
 
-class Path(Section):
-    """The circle that the object is carried around."""
-
-    radius: Radius = Field(description="radius of the circle [m]")
-    speed: Speed = Field(description="speed along the circle [m/s]")
-    heading: Literal["fixed", "tangent"] = Field(description="whether base and object turn with the path [-]")
-
-    @property
-    def period(self) -> float:
-        """Time of one turn around the circle [s]."""
-        return 2.0 * math.pi * self.radius / self.speed
-
-
 class Observer(Section):
     """What an observer believes of noise: of the measurements, and of what accelerates the robot unknown to it."""
 
@@ -225,6 +209,7 @@ class Control(Section):
     Ki: IntegralGain = Field(description="gain of the errors' integral, 0: the paper's law [1/s3]")
     feedforward: bool = Field(description="whether the panels' predicted reaction is added to the base's wrench [-]")
     delay_compensation: bool = Field(description="whether sensors are watched for a lag of a control period [-]")
+    shaper: Literal["none", "zv", "zvd"] = Field(description="input shaping of a path that ends at rest [-]")
     observer: Observer | None = Field(description="noise for a Kalman filter of the errors, null: as measured")
 
     @property
@@ -292,8 +277,8 @@ class Limits(Section):
 class RewardTerm(Section):
     """One term of the reward."""
 
-    weight: Weight = Field(description="cost per second at the scale [1/s]")
-    scale: Scale = Field(description="size of the measure that costs the weight [m, J or V]")
+    weight: Weight = Field(description="most that the term gives in a control period [-]")
+    scale: Scale = Field(description="size of the measure from which the term falls [m, J or V]")
 
 
 class Reward(Section):

@@ -33,7 +33,6 @@ from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
 THREADS = available_cores()
-N_REFERENCE = 10  # numbers of a Reference beside its joints
 NEVER = -1  # control period of an impulse that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
 
@@ -44,7 +43,7 @@ class Batch(NamedTuple):
     tick: IntArray  #: (n,) control periods since the start
     p: Array  #: (n, n_q) positions and velocities
     v: Array  #: (n, n_q)
-    reference: Array  #: (n, 10 + n_l) numbers of each :class:`Reference`, joint angles last
+    reference: Array  #: (n, ...) numbers of each :class:`Reference`, joint angles and pieces last
     actuation: Array  #: (n, n_u + 9) numbers of each :class:`actuators.ActuatorState`
     wrench: Array  #: (n, 3) force of the surroundings on the base, base axes
     level: Array  #: (n, n_o), key, delay: (n,), quantum: (n, n_o), coarse: (n,) of each :class:`disturbances.Sensing`
@@ -93,9 +92,8 @@ def group_shapes(task):
     """Shapes of the :class:`GroupWork` of a robot."""
     n, n_u, n_o = task.model.at.end, len(task.scale), len(task.bound)
     group = Group(
-        p=(n,), v=(n,), reference=(N_REFERENCE + len(task.model.link_mass),), actuation=(state_size(n_u),), wrench=(3,),
-        command=(n_u,), t=(1,), obs=(n_o,), signals=(N_SIGNALS,), terms=(len(REWARDS),), reward=(1,), cost=(1,),
-        status=(1,),
+        p=(n,), v=(n,), reference=(task.reference,), actuation=(state_size(n_u),), wrench=(3,), command=(n_u,), t=(1,),
+        obs=(n_o,), signals=(N_SIGNALS,), terms=(len(REWARDS),), reward=(1,), cost=(1,), status=(1,),
     )  # fmt: skip
     return GroupWork(period_shapes(task), group)
 
@@ -105,7 +103,7 @@ def make_batch(task: TaskModel, n: int) -> Batch:
     size, n_u, n_o = task.model.at.end, len(task.scale), len(task.bound)
     return Batch(
         tick=np.zeros(n, dtype=np.int64), p=np.zeros((n, size)), v=np.zeros((n, size)),
-        reference=np.zeros((n, N_REFERENCE + len(task.model.link_mass))),
+        reference=np.zeros((n, task.reference)),
         actuation=np.zeros((n, state_size(n_u))), wrench=np.zeros((n, 3)), level=np.zeros((n, n_o)),
         key=np.zeros(n, dtype=np.int64), delay=np.zeros(n, dtype=np.int64), quantum=np.zeros((n, n_o)),
         coarse=np.zeros(n, dtype=np.int64), impulse_tick=np.zeros((n, MOST_IMPULSES), dtype=np.int64),
@@ -206,7 +204,7 @@ def observe_row(plants, batch, row, one):
     i = row[0]
     task = plants[i if len(plants) > 1 else 0]
     reference, t, p, v, obs = (
-        reference_at(batch.reference[i]),
+        reference_at(batch.reference[i], len(task.model.link_mass)),
         batch.tick[i] * task.period,
         batch.p[i],
         batch.v[i],
@@ -279,10 +277,10 @@ def begin(task, batch, i, group, lane):
 def advance_group(task, group, period):
     """Hold the command of a group for one control period; period: :class:`control_period.PeriodWork`."""
     group.status[0] = control_period(
-        task, reference_at(group.reference), group.t[0], group.p, group.v, group.command, group.actuation, group.wrench,
-        period, group.obs, group.signals,
+        task, reference_at(group.reference, len(task.model.link_mass)), group.t[0], group.p, group.v, group.command,
+        group.actuation, group.wrench, period, group.obs, group.signals,
     )  # fmt: skip
-    group.reward[0] = reward_terms(task.weights, task.period, group.signals, group.terms)
+    group.reward[0] = reward_terms(task.weights, group.signals, group.status[0], group.terms)
     group.cost[0] = period_cost(group.signals, group.status[0])
 
 
@@ -300,7 +298,7 @@ def sense_lane(task, batch, i, group, period, lane, one):
     take(period.before.p, lane, before.p)
     take(period.before.v, lane, before.v)
     take(group.obs, lane, before.obs)
-    reference, sensing = reference_at(batch.reference[i]), _sensing(batch, i)
+    reference, sensing = reference_at(batch.reference[i], len(task.model.link_mass)), _sensing(batch, i)
     sense(task, reference, sensing, batch.tick[i], before.p, before.v, one.step.dynamics, before.obs)
     put(before.obs, group.obs, lane)
 

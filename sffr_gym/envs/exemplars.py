@@ -16,7 +16,7 @@ from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.integrator import step_shapes
 from sffr_gym.physics.plant import advance_plant, evaluate
 from sffr_gym.task.control_period import observe_states, period_shapes
-from sffr_gym.task.reference import circle_reference
+from sffr_gym.task.reference import path_reference
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.task_model import TaskModel, make_task_model
 
@@ -59,7 +59,7 @@ def _observe_row() -> Exemplars:
 def _observe_states() -> Exemplars:
     task = exemplar_task()
     p = np.zeros((2, task.model.at.end))
-    reference = circle_reference(load_params(), task.model, p[0])
+    reference = path_reference(load_params(), task.model, p[0])
     obs, memory = np.zeros((2, len(task.bound))), new_workspace(period_shapes(task))
     yield PLAIN, (task, reference, np.zeros(2), p, p, memory, obs, np.zeros(N_SIGNALS))
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sffr_gym.envs.batch import N_REFERENCE, Batch
+from sffr_gym.envs.batch import Batch
 from sffr_gym.envs.fleet import plant_at
 from sffr_gym.physics.simulator import State, unflatten
-from sffr_gym.task.reference import Reference
+from sffr_gym.task.reference import N_REFERENCE, Reference
 from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array
 
@@ -76,8 +76,9 @@ class Member(Present):
     @property
     def reference(self) -> Reference:
         """The desired motion of this episode."""
-        numbers = self._batch.reference[self._row]
-        return Reference._make([*numbers[:N_REFERENCE].tolist(), numbers[N_REFERENCE:].copy()])
+        numbers, arrays = np.split(self._batch.reference[self._row], [N_REFERENCE])
+        joints, pieces = np.split(arrays, [len(self.prior_task.model.link_mass)])
+        return Reference._make([*numbers.tolist(), joints.copy(), pieces.copy()])
 
     @property
     def np_random(self) -> np.random.Generator:

@@ -41,7 +41,8 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     The plant is the rigid-flexible interactive model of the paper: a 50 kg base with thrusters, two arms that hold an
     object between them, an antenna, a camera, and two 4 m panels that bend. The object's centre has to follow a circle
     of 15 m radius at 0.85 m/s, its orientation and the base's heading constant, while the panels' vibration dies out.
-    One step is one control period of 2 ms under held actuator forces; once around is 55,440 steps.
+    One step is one control period of 2 ms under held actuator forces; once around is 55,440 steps. The parameters
+    ``path`` put a figure-eight, a line, a slew with a turn, or a curve through waypoints in the circle's place.
 
     ## Action space
     ``Box(-1, 1, (15,), float32)``; an action times the actuator's limit is its command. Values beyond, infinite ones
@@ -78,11 +79,14 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     | 47-49 | velocity of the reference and its turn | m/s, rad/s |
     | 50, 51 | acceleration of the reference | m/s2 |
 
+    On other paths than the circle four more follow: the reference's jerk, angular acceleration and angular jerk.
+
     ## Reward
-    The sum of three terms, each in ``info`` as ``reward_<name>``, for the state after the step, with the weights ``w``
-    and scales ``s`` of the parameters: ``tracking`` = -w T (object position error / s)^2, ``vibration`` = -w T
-    (bending energy about the quasi-static shape) / s, ``effort`` = -w T (sum of squared voltages) / s^2, T the control
-    period.
+    The sum of three terms in (0, w], each in ``info`` as ``reward_<name>``, for the state after the step, with the
+    weights ``w`` and scales ``s`` of the parameters: w / (1 + log(1 + x)), where x is (object position error / s)^2 for
+    ``tracking``, (bending energy about the quasi-static shape) / s for ``vibration``, (sum of squared voltages) / s^2
+    for ``effort``. The weights add up to 1. A period that ends in a failure earns 0. So the reward lies in [0, 1], and
+    whatever a policy did before, going on earns more than failing.
 
     ## Info
     Numbers and arrays of numbers, with the same keys and types at every reset and step of a scenario: each measure of
@@ -134,7 +138,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     opens no window before its next ``reset`` or ``render()``, so that planners can look ahead at full speed.
 
     ## Version history
-    - v0: first version.
+    - v0: first version. Before its release the reward was the unbounded negative cost, which paid for crashing early.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 500}

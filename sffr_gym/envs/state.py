@@ -18,7 +18,7 @@ from sffr_gym.envs.fleet import N_SIZES, make_fleet, plant_at, same_layout
 from sffr_gym.physics.model import Sizes
 from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.task.episode import Episode, Health, Nominal
-from sffr_gym.task.reference import circle_reference, flat_reference
+from sffr_gym.task.reference import flat_reference, path_reference
 from sffr_gym.task.scenario import MOST_IMPULSES
 from sffr_gym.task.status import REASONS
 from sffr_gym.task.task_model import TaskModel, plant_of
@@ -129,7 +129,7 @@ def _episode_form(episode: Any, known: Nominal, prior: TaskModel) -> Episode:
     """Return an episode of the form that a given one must have; impulses may be as many as it has."""
     count = np.size(getattr(getattr(episode, "impulses", None), "tick", ()))
     return Episode(
-        p=known.p, v=known.v, reference=circle_reference(known.params, known.model, known.p), plant=known.params,
+        p=known.p, v=known.v, reference=path_reference(known.params, known.model, known.p), plant=known.params,
         prior=known.params, ticks=1, health=Health(np.ones(len(known.model.panel_root)), 1.0, 1.0),
         impulses=Impulses(np.zeros(count, dtype=np.int64), np.zeros((count, 3))),
         sensing=Sensing(np.zeros(len(prior.bound)), 0, 0, np.zeros(len(prior.bound)), 0), drawn={},

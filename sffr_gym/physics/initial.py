@@ -55,9 +55,8 @@ def held_positions(params: Params, model: Model, pose: ArrayLike | None, guess: 
 
 def _along_path(params: Params, base: Array, carried: Array) -> Array:
     """Return the velocity (3,) of the base with which the body at ``carried`` moves along the path, all as one."""
-    path = params.path
-    turn = path.speed / path.radius if path.heading == "tangent" else 0.0
-    return np.append(np.array([path.speed, 0.0]) + turn * perpendicular(base - carried), turn)
+    x, y, turn = params.path.start
+    return np.append(np.array([x, y]) + turn * perpendicular(base - carried), turn)
 
 
 def tip_displacement(params: Params, model: Model, tip: tuple) -> Array:

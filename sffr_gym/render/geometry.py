@@ -6,18 +6,22 @@ States are laid out as :mod:`sffr_gym.physics.model` says.
 from __future__ import annotations
 
 import functools
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.path import N_PIECE
 from sffr_gym.physics.beam import N_TIP, shape_functions
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import N_BASE, Model, joint_slice, mode_slice, nodal, object_slice
-from sffr_gym.task.reference import Reference
+from sffr_gym.task.reference import Reference, desired
 from sffr_gym.types import Array
 
 LEAST_FORCE = 1e-9  # N; a path that asks for less is a straight line, or not moved along
+LEAST_REACH = 1.0  # m, of the map of a path that stays on the spot
+TRACK_POINTS = 361
 CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])  # of a square of side 2
 
 
@@ -27,6 +31,20 @@ class Scales(NamedTuple):
     thrust: float
     grasp: float
     volts: float
+
+
+class Track(NamedTuple):
+    """How a path lies in space and time."""
+
+    closed: bool  #: whether it leads back to its start
+    span: float  #: time once along it [s]
+    pace: float  #: mean speed [m/s]
+    centre: Array  #: (2,) middle of the box around it [m]
+    reach: float  #: half of that box's longer side [m]
+
+    def ahead(self, t: float) -> float:
+        """Return the time from which nothing new comes, for pictures at a time ``t`` [s]."""
+        return t + self.span if self.closed else max(t, self.span)
 
 
 def arm_line(model: Model, p: Array, arm: int) -> Array:
@@ -53,11 +71,19 @@ def place_in_panel(model: Model, p: Array, panel: int, local: Array) -> Array:
     return placed
 
 
-def path_points(reference: Reference, angles: Array) -> Array:
-    """Return the points (k, 2) [m] of the path at angles (k,) on the circle [rad], inertial axes."""
-    x = reference.x0 + reference.radius * (np.sin(angles) - np.sin(reference.phase))
-    y = reference.y0 + reference.radius * (np.cos(reference.phase) - np.cos(angles))
-    return np.column_stack([x, y])
+def path_points(reference: Reference, t: Array) -> Array:
+    """Return the points (k, 2) [m] of the path at times (k,) [s], inertial axes."""
+    return np.array([desired(reference, each)[:2] for each in t.tolist()]).reshape(-1, 2)
+
+
+def track_of(reference: Reference) -> Track:
+    """Return how a path lies."""
+    closed = len(reference.pieces) == 0
+    span = 2.0 * pi / reference.rate if closed else float(reference.pieces[-N_PIECE])
+    points = path_points(reference, np.linspace(0.0, span, TRACK_POINTS))
+    low, high = points.min(axis=0), points.max(axis=0)
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    return Track(closed, span, length / span, (low + high) / 2.0, max(float((high - low).max()) / 2.0, LEAST_REACH))
 
 
 def in_base_axes(model: Model, p: Array) -> Array:
@@ -71,7 +97,7 @@ def in_base_axes(model: Model, p: Array) -> Array:
 
 def force_scales(params: Params, model: Model) -> Scales:
     """Return scales at which a metre stands for what the path asks: of the thrusters, of both grippers together."""
-    curve = params.path.speed**2 / params.path.radius
+    curve = params.path.acceleration
     mass = float(model.base_mass + model.link_mass.sum() + model.panel_mass.sum())
     thrust, grasp = (mass + model.object_mass) * curve, max(model.object_mass, 1.0) * curve
     return Scales(max(thrust, LEAST_FORCE), max(grasp, LEAST_FORCE), params.actuators.piezo.voltage)

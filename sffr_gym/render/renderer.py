@@ -15,7 +15,7 @@ from sffr_gym.physics.kinematics import modal_tip_deflections, tip_deflections
 from sffr_gym.physics.model import N_BASE, mode_slice, object_slice
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.render.canvas import Canvas, Colour
-from sffr_gym.render.geometry import force_scales, path_points
+from sffr_gym.render.geometry import force_scales, path_points, track_of
 from sffr_gym.render.plots import FAINT, GUTTER, INK, Axis, Plot, draw_plot, linear, logarithmic, with_unit
 from sffr_gym.render.robot import (
     FORCE,
@@ -46,6 +46,7 @@ ACCENT: Colour = (120, 180, 255)
 THRUST: Colour = (255, 176, 96)
 SIDES: tuple[Colour, ...] = ((120, 200, 255), (255, 190, 90), (150, 230, 140), (240, 140, 220))  # a panel's line each
 SWING = 10.0  # s over which the bars beyond the tips show how far they swung, about a period of the first mode
+LEAST_PACE = 1.0e-3  # m/s; slower, all of a path is near
 MARGIN = 0.55  # m around the robot
 DOTS = 8  # from the middle to an edge at most
 
@@ -96,7 +97,7 @@ class Renderer:
         self.style = style or Style()
         self._sim = Simulator(params)
         self.model = self._sim.model
-        self._scales = force_scales(params, self.model)
+        self._scales, self._track = force_scales(params, self.model), track_of(reference)
         self._tips = slice(TIPS, TIPS + len(params.panel.mounts))  # of a trace
         self._u = self.style.size / SIZE
         self._top, self._bottom = 52 * self._u, 452 * self._u  # of the robot's part between title and plots
@@ -149,11 +150,11 @@ class Renderer:
         dots: Array = np.column_stack([columns.ravel(), rows.ravel()])
         for dot in viewport(apart * dots):
             canvas.disc(dot, 1.3 * self._u, DOT)
-        now = self.reference.phase + self.reference.rate * t
-        away = min(1.6 * reach / self.reference.radius, np.pi)
-        for colour, start, stop in (AHEAD, now, now + away), (COVERED, max(now - away, self.reference.phase), now):
+        track = self._track
+        away = min(1.6 * reach / max(track.pace, LEAST_PACE), track.span / 2.0)
+        for colour, start, stop in (AHEAD, t, min(t + away, track.ahead(t))), (COVERED, max(t - away, 0.0), t):
             canvas.line(viewport(path_points(self.reference, np.linspace(start, stop, 60))), colour, 4.0 * self._u)
-        x, y = viewport(path_points(self.reference, np.array([now])))[0]
+        x, y = viewport(path_points(self.reference, np.array([t])))[0]
         for way in np.array([[1.0, 0.0], [0.0, 1.0]]):
             canvas.line([(x, y) - 16 * self._u * way, (x, y) + 16 * self._u * way], COVERED, 1.2 * self._u)
 
@@ -186,16 +187,14 @@ class Renderer:
 
     def _draw_map(self, canvas: Canvas, snapshot: Snapshot) -> None:
         """Draw the whole path at small, what was covered of it, and where the robot is."""
-        u, reference = self._u, self.reference
-        centre: Array = np.mean(path_points(reference, np.array([0.0, np.pi])), axis=0)
-        viewport = Viewport(centre, np.array([66 * u, self._top + 58 * u]), 42 * u / reference.radius, u)
-        now = reference.phase + reference.rate * snapshot.t
-        canvas.line(viewport(path_points(reference, np.linspace(0.0, 2.0 * np.pi, 91))), AHEAD, 3.0 * u)
-        start = max(reference.phase, now - 2.0 * np.pi)
-        canvas.line(viewport(path_points(reference, np.linspace(start, now, 91))), COVERED, 3.0 * u)
+        u, reference, track, t = self._u, self.reference, self._track, snapshot.t
+        viewport = Viewport(track.centre, np.array([66 * u, self._top + 58 * u]), 42 * u / track.reach, u)
+        canvas.line(viewport(path_points(reference, np.linspace(0.0, track.span, 91))), AHEAD, 3.0 * u)
+        start = max(0.0, t - track.span) if track.closed else 0.0
+        canvas.line(viewport(path_points(reference, np.linspace(start, t, 91))), COVERED, 3.0 * u)
         at = object_slice(self.model) if self.params.object is not None else slice(0, N_BASE)
         canvas.disc(viewport(snapshot.p[at][None, :2])[0], 4.0 * u, self.style.colour)
-        share = 100.0 * min((now - reference.phase) / (2.0 * np.pi), 1.0)
+        share = 100.0 * min(t / track.span, 1.0)
         canvas.text((66 * u, self._top + 58 * u), f"{share:.0f} %", 13 * u, FAINT, "mm")
 
     def _draw_keys(self, canvas: Canvas, viewport: Viewport, snapshot: Snapshot, grasp: Array) -> None:

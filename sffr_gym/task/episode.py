@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.path import Path
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.physics.actuators import Actuators
 from sffr_gym.physics.beam import N_TIP
@@ -21,9 +22,10 @@ from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.model import N_BASE, Model, mode_slice, object_slice, pack
 from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
 from sffr_gym.task.observation import Field, observation_fields
+from sffr_gym.task.path_range import check_path
 from sffr_gym.task.plants import Drawn, at_speed, draw_plant
 from sffr_gym.task.quasi_static import quasi_static_amplitudes
-from sffr_gym.task.reference import Reference, circle_reference, desired
+from sffr_gym.task.reference import Reference, desired, on_circle, path_reference
 from sffr_gym.task.scenario import ImpulseDraws, Scenario, Sensors
 from sffr_gym.types import Array
 
@@ -80,7 +82,9 @@ def nominal(params: Params, scenario: Scenario | None = None) -> Nominal:
     """
     plant = params if scenario is None else scenario.plant_of(params)
     model = pack(plant)
-    return Nominal(params, plant, model, *initial_positions(plant, model), observation_fields(model, params))
+    p, v = initial_positions(plant, model)
+    check_path(params, path_reference(params, model, p))
+    return Nominal(params, plant, model, p, v, observation_fields(model, params))
 
 
 def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episode:
@@ -100,7 +104,7 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     drawn: Drawn = {}
     prior = _draw_speed(scenario, known.params, rng, drawn)
     phase = 0.0  # angle on the circle at the start [rad]
-    if scenario.random_phase:
+    if scenario.random_phase and prior.path.closed:
         drawn["path_phase_rad"] = phase = rng.uniform(0.0, 2.0 * np.pi)
     plant = prior
     if known.plant is not known.params:
@@ -114,8 +118,8 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
                 f"{scenario.name}: plant: a drawn plant has other modes; move panel.bending_cut or axial_cut"
             )
         p, v = initial_positions(plant, model)
-    reference = circle_reference(prior, model, p, phase=phase)
-    _match_path_speed(known.params.path.speed, prior.path.speed, reference, model, p, v)
+    reference = path_reference(prior, model, p, phase=phase)
+    _match_path(known.params.path, prior.path, reference, model, p, v)
     if scenario.panel_modes:
         _excite(scenario, model, p, v, rng, drawn)
     if scenario.random_phase:
@@ -145,20 +149,29 @@ def _draw_speed(scenario: Scenario, params: Params, rng: np.random.Generator, dr
     """Return the parameters with the drawn path speed."""
     if scenario.speed is None:
         return params
+    if params.path.arrival is not None:
+        raise ConfigError(
+            f"{scenario.name}: speed: a {params.path.kind} has path.time, which `robot` can set, no speed"
+        )
     drawn["path_speed_m_s"] = rng.uniform(*scenario.speed)
     return at_speed(params, drawn)
 
 
-def _match_path_speed(before: float, after: float, reference: Reference, model: Model, p: Array, v: Array) -> None:
-    """Turn the velocity along x, of speed ``before`` [m/s], into that along the path, ``after`` [m/s], in place.
+def _match_path(before: Path, after: Path, reference: Reference, model: Model, p: Array, v: Array) -> None:
+    """Turn the velocity with which a path begins into that of another speed and phase, in place.
 
     Robot and object move as one, with the path's heading.
     """
-    if before == after and reference.phase == 0.0:
+    if before.speed == after.speed and reference.phase == 0.0:
         return
-    turn = reference.turning * (after - before) / reference.radius
-    from_object = np.array([reference.base_x, reference.base_y])
-    change = after * np.array([np.cos(reference.phase), np.sin(reference.phase)]) - np.array([before, 0.0])
+    start, from_object = before.start, np.array([reference.base_x, reference.base_y])
+    if on_circle(reference):
+        turn = reference.turning * (after.speed - before.speed) / reference.radius
+        along = after.speed * np.array([np.cos(reference.phase), np.sin(reference.phase)])
+    else:
+        motion = desired(reference, 0.0)
+        turn, along = motion.turn - start[2], np.array([motion.xd, motion.yd])
+    change = along - np.array(start[:2])
     v[:2] += change + turn * perpendicular(from_object)
     v[2] += turn
     if model.object_mass > 0:
@@ -188,8 +201,8 @@ def _excite(scenario: Scenario, model: Model, p: Array, v: Array, rng: np.random
 
 def _add_quasi_static_shape(reference: Reference, model: Model, p: Array, v: Array) -> None:
     """Add to every panel its quasi-static shape under the path's acceleration, and the rate of it, in place."""
-    start, at = desired(reference, 0.0), mode_slice(model)
-    shape, rate = quasi_static_amplitudes(model, reference, np.array([[start.xdd, start.ydd]]))
+    at = mode_slice(model)
+    shape, rate = quasi_static_amplitudes(model, reference, np.zeros(1))
     p[at] += shape.ravel()
     v[at] += rate.ravel()
 

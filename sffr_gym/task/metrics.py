@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from math import ceil, nan
+
 import numpy as np
 
 from sffr_gym.task.signals import (
@@ -45,15 +48,25 @@ MEASURES = {
     "failed": "1",
     "duration": "s",
 }
+# Only where the path ends at rest before the episode does: the largest tip displacement from then on, all of which is
+# residual vibration, since nothing accelerates any more.
+ARRIVAL_MEASURES = {"residual_tip": "m"}
 
 
-def measure(signals: Array, period: float, failure: str = "") -> dict[str, float]:
-    """Return the measures of one episode, by the names in ``MEASURES``.
+def measured(episodes: Iterable[Mapping[str, float]]) -> dict[str, str]:
+    """Return the names of the measures that some episodes have, with their units, in the order of tables."""
+    found = set().union(*episodes)
+    return MEASURES | {name: unit for name, unit in ARRIVAL_MEASURES.items() if name in found}
+
+
+def measure(signals: Array, period: float, failure: str = "", arrival: float | None = None) -> dict[str, float]:
+    """Return the measures of one episode, by the names in ``MEASURES``, and in ``ARRIVAL_MEASURES`` if it arrives.
 
     Args:
         signals: (n_ticks, N_SIGNALS) in the order of ``SIGNALS``.
         period: control period [s].
         failure: why the episode ended early; empty if it did not.
+        arrival: time at which the path ends at rest [s]; None if it goes on. What failed before has NaN after it.
 
     Raises:
         ValueError: for an episode without a single control period.
@@ -68,7 +81,11 @@ def measure(signals: Array, period: float, failure: str = "") -> dict[str, float
         total[PIEZO], total[THRUST], total[JOINT], mean[SAT_PIEZO], mean[SAT_THRUST], mean[SAT_JOINT],
         float(bool(failure)), len(signals) * period,
     )  # fmt: skip
-    return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
+    measures = {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
+    if arrival is None:
+        return measures
+    after = signals[ceil(arrival / period - 1e-9) :, TIP]
+    return measures | {"residual_tip": float(after.max()) if len(after) else nan}
 
 
 def instability(signals: Array, period: float) -> str:

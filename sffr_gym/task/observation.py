@@ -59,7 +59,7 @@ def observation_fields(model: Model, params: Params) -> dict[str, Field]:
     limits = params.limits
     n_l, n_p, n_g, n_h = len(model.link_mass), len(model.panel_root), len(model.grasp_arm), len(held_joints(model))
     n_o = N_BASE if model.object_mass > 0 else 0
-    tip = params.panel.length
+    tip, bends = params.panel.length, int(params.path.kind != "circle")  # whose motion is not all in velocity and turn
     spans: list[tuple[str, int, str, float]] = [
         ("base_error", 2, "m", limits.position), ("yaw_error", 1, "rad", limits.angle),
         ("base_error_rate", 2, "m/s", limits.velocity), ("yaw_error_rate", 1, "rad/s", limits.rate),
@@ -73,6 +73,9 @@ def observation_fields(model: Model, params: Params) -> dict[str, Field]:
         ("elastic", N_TIP * n_p, "m, m, rad", tip), ("elastic_rate", N_TIP * n_p, "m/s, m/s, rad/s", limits.rate),
         ("reference_velocity", 2, "m/s", limits.velocity), ("reference_turn", 1, "rad/s", limits.rate),
         ("reference_acceleration", 2, "m/s2", limits.velocity),
+        ("reference_jerk", 2 * bends, "m/s3", limits.velocity),
+        ("reference_turn_acceleration", bends, "rad/s2", limits.rate),
+        ("reference_turn_jerk", bends, "rad/s3", limits.rate),
     ]  # fmt: skip
     fields, start = {}, 0
     for name, size, unit, bound in spans:
@@ -103,11 +106,16 @@ class ObservationIndex(NamedTuple):
     reference_velocity: int
     reference_turn: int
     reference_acceleration: int
+    reference_jerk: int
+    reference_turn_acceleration: int
+    reference_turn_jerk: int
+    end: int  #: n_o
 
 
 def observation_index(fields: dict[str, Field]) -> ObservationIndex:
     """Return where each field of an observation begins."""
-    return ObservationIndex(**{name: field.start for name, field in fields.items()})
+    end = sum(field.size for field in fields.values())
+    return ObservationIndex(**{name: field.start for name, field in fields.items()}, end=end)
 
 
 @kernel
@@ -166,6 +174,18 @@ def observe(task, reference, des, p, v, work, obs, refresh):
     _write(obs, at.reference_velocity, ch, sh, des.xd, des.yd)
     obs[at.reference_turn] = turn
     _write(obs, at.reference_acceleration, ch, sh, des.xdd, des.ydd)
+    if at.reference_jerk < at.end:
+        _write(obs, at.reference_jerk, ch, sh, des.xddd, des.yddd)
+        obs[at.reference_turn_acceleration], obs[at.reference_turn_jerk] = des.turn_acceleration, des.turn_jerk
+
+
+@kernel
+def reference_turning(at, obs):
+    """Angular acceleration [rad/s2] and jerk [rad/s3] of the reference in an observation; 0 on a circle."""
+    if at.reference_jerk < at.end:
+        return obs[at.reference_turn_acceleration], obs[at.reference_turn_jerk]
+    none = 0.0 * obs[at.reference_turn]
+    return none, none
 
 
 @kernel

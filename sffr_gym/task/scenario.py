@@ -155,14 +155,16 @@ class Scenario(Section):
 
     name: Name = Field(description="name of the scenario")
     description: Text = Field(description="what it draws")
-    duration: EpisodeLength | None = Field(default=None, description="length of an episode [s]; null: once around")
+    duration: EpisodeLength | None = Field(
+        default=None, description="length of an episode [s]; null: once along the path"
+    )
     panel_modes: Annotated[tuple[PanelMode, ...], at_most(MOST_MODES, "so many modes has the finest panel")] = Field(
         default=(), description="excited bending modes"
     )
     offset_position: float = Field(default=0.0, ge=0.0, le=1.0, description="largest shift off the path [m]")
     offset_angle: float = Field(default=0.0, ge=0.0, le=1.0, description="largest turn off the path [rad]")
     speed: Speed | None = Field(default=None, description="speed along the path [m/s]")
-    random_phase: bool = Field(default=False, description="start anywhere on the circle")
+    random_phase: bool = Field(default=False, description="start anywhere on a closed path")
     robot: Changes = Field(default=(), description="assignments such as path.speed=0.5, known to the controllers")
     plant: PlantFactors = Field(default=PlantFactors(), description="what the controllers are wrong about")
     sensors: Sensors = Field(default=Sensors(), description="errors of the observation")
@@ -209,7 +211,7 @@ class Scenario(Section):
         duration = params.path.period if self.duration is None else self.duration
         periods = duration / params.control.period
         if periods > MOST_PERIODS:
-            once = "" if self.duration else f", once around a circle of {params.path.radius:g} m"
+            once = "" if self.duration else f", once along a {params.path.kind}"
             raise ConfigError(
                 f"{self.name}: duration: an episode of {duration:.3g} s{once}, would take about {periods:.1g} control "
                 f"periods, at most {MOST_PERIODS:.0e}: give the scenario a duration, or lengthen control.period"

@@ -52,7 +52,7 @@ def measure_state(task, reference, des, p, v, energy, wrench, signals):
         signals[ATTITUDE] = abs(wrap(des.heading + reference.yaw - p[2]))
     signals[VIBRATION] = tip = 0.0
     fx = fy = moment = 0.0
-    ch, sh, turn2 = cos(des.heading), sin(des.heading), des.turn * des.turn
+    ch, sh, turn2, alpha = cos(des.heading), sin(des.heading), des.turn * des.turn, des.turn_acceleration
     bx, by = ch * reference.base_x - sh * reference.base_y, sh * reference.base_x + ch * reference.base_y
     yaw = des.heading + reference.yaw
     cb, sb = cos(yaw), sin(yaw)
@@ -60,19 +60,20 @@ def measure_state(task, reference, des, p, v, energy, wrench, signals):
         # The root's acceleration under the reference's motion, in panel axes.
         rx, ry = model.panel_root[i, 0], model.panel_root[i, 1]
         rx, ry = cb * rx - sb * ry, sb * rx + cb * ry
-        ax, ay = des.xdd - turn2 * (bx + rx), des.ydd - turn2 * (by + ry)
+        ax, ay = des.xdd - turn2 * (bx + rx) - alpha * (by + ry), des.ydd - turn2 * (by + ry) + alpha * (bx + rx)
         c, s = model.panel_axis[i, 0], model.panel_axis[i, 1]
         c, s = cb * c - sb * s, sb * c + cb * s
-        energy[i], first_y = _bending(model, i, c * ay - s * ax, p, v)
+        energy[i], first_y, square = _bending(model, i, c * ay - s * ax, alpha, p, v)
         signals[VIBRATION] += energy[i]
         tip = max(tip, abs(tip_deflection(task.actuators, model, i, p)))
         first_x = model.panel_first_moment[i]
         first_x, first_y = c * first_x - s * first_y, s * first_x + c * first_y
         mass = model.panel_mass[i]
-        gx, gy = mass * ax - turn2 * first_x, mass * ay - turn2 * first_y
+        gx = mass * ax - turn2 * first_x - alpha * first_y
+        gy = mass * ay - turn2 * first_y + alpha * first_x
         fx -= gx
         fy -= gy
-        moment -= rx * gy - ry * gx + first_x * ay - first_y * ax
+        moment -= rx * gy - ry * gx + first_x * ay - first_y * ax + alpha * (model.panel_second_moment[i] + square)
     signals[TIP] = tip
     wrench[0], wrench[1], wrench[2] = fx, fy, moment
 
@@ -115,16 +116,18 @@ def tip_deflection(actuators, model, i, p):
 
 
 @kernel
-def _bending(model, i, across, p, v):
-    """Bending energy [J] of panel ``i`` about its quasi-static shape, and that shape's first moment across it [kg m].
+def _bending(model, i, across, alpha, p, v):
+    """Bending energy [J] of panel ``i`` about its quasi-static shape, and that shape's moments across it.
 
-    across: transverse acceleration of the root [m/s2]; p, v: (n,) positions and velocities.
+    across: transverse acceleration of the root [m/s2]; alpha: its angular acceleration [rad/s2]; p, v: (n,) positions
+    and velocities. The moments are the first [kg m] and the second one [kg m2].
     """
-    energy = first_y = 0.0
+    energy = first_y = square = 0.0
     start = first_mode(model, i)
     for m in range(model.n_axial, model.omega2.shape[1]):
-        shape = quasi_static_amplitude(model, i, m, across)
+        shape = quasi_static_amplitude(model, i, m, across, alpha)
         first_y += model.translation[i, m] * shape
+        square += shape * shape
         deflection, rate = p[start + m] - shape, v[start + m]
         energy += 0.5 * (rate * rate + model.omega2[i, m] * deflection * deflection)
-    return energy, first_y
+    return energy, first_y, square

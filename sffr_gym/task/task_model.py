@@ -14,6 +14,7 @@ from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.model import Model, Sizes, model_shapes, model_sizes, pack, steps_in
 from sffr_gym.task.episode import Episode, Nominal
 from sffr_gym.task.observation import ObservationIndex, held_joints, observation_fields, observation_index
+from sffr_gym.task.reference import N_REFERENCE
 from sffr_gym.task.reward import Weights, reward_weights
 from sffr_gym.types import Array, IntArray
 
@@ -38,6 +39,7 @@ class TaskModel(NamedTuple):
     limits: Limits  #: ends of an episode
     scale: Array  #: (n_u,) command of a unit action
     at: ObservationIndex  #: index map of the observation
+    reference: int  #: numbers of an episode's :class:`reference.Reference`
     bound: Array  #: (n_o,) its range
     weights: Weights  #: of the reward
 
@@ -68,6 +70,7 @@ def make_task_model(params: Params) -> TaskModel:
         limits=Limits(limits.tip * params.panel.length, limits.arm_singularity, limits.grasp_gap),
         scale=actuators.rated.copy(),
         at=observation_index(fields),
+        reference=N_REFERENCE + len(model.link_mass) + params.path.pieces.size,
         bound=np.concatenate([np.full(field.size, field.bound) for field in fields.values()]),
         weights=reward_weights(params),
     )
@@ -88,10 +91,8 @@ def task_shapes(n):
     return TaskModel(
         model=model_shapes(n.model), actuators=actuator_shapes(n.model, n.channels, n.command),
         held=Integers((n.held,)), period=(), steps=one, integrator=one, limits=Limits((), (), ()), scale=(n.command,),
-        at=ObservationIndex(
-            one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one, one
-        ),
-        bound=(n.observation,), weights=Weights((), (), ()),
+        at=ObservationIndex(*[one] * len(ObservationIndex._fields)), reference=one,
+        bound=(n.observation,), weights=Weights((), (), (), (), (), ()),
     )  # fmt: skip
 
 

@@ -150,6 +150,9 @@ def settings(draw: st.DrawFn) -> Config:
         "path": {
             "radius": draw(sizes(1e-3, 1e7)), "speed": draw(st.one_of(st.just(0.85), sizes(1e-3, 100.0))),
             "heading": draw(st.sampled_from(["fixed", "tangent"])),
+            "kind": draw(st.sampled_from(["circle", "circle", "figure-eight", "line", "slew", "waypoints"])),
+            "time": draw(sizes(0.01, 1e6)), "turn": draw(st.floats(-6.28, 6.28)),
+            "displacement": [draw(st.floats(-1e3, 1e3)) for _ in range(2)],
         },
         "control": {"period": period, "Kp": draw(sizes(1e-3, 1e4)), "Kd": draw(sizes(1e-3, 1e3))},
         "suppression": {

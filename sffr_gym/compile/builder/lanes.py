@@ -127,11 +127,13 @@ def _vector_instruction(name: str) -> Callable[..., Any]:
 def _lane_by_lane(function: Any) -> Callable[..., Any]:
     """The function of plain numbers, one lane after the other: the same bits."""
 
-    def emit(context: Any, builder: Any, x: Any) -> Any:
-        call, result = context.get_function(function, signature(NUMBERS, NUMBERS)), ir.Constant(DOUBLES, ir.Undefined)
+    def emit(context: Any, builder: Any, *arguments: Any) -> Any:
+        kind = signature(NUMBERS, *[NUMBERS] * len(arguments))
+        call, result = context.get_function(function, kind), ir.Constant(DOUBLES, ir.Undefined)
         for k in range(WIDTH):
             at = ir.Constant(ir.IntType(32), k)
-            result = builder.insert_element(result, call(builder, [builder.extract_element(x, at)]), at)
+            value = call(builder, [builder.extract_element(x, at) for x in arguments])
+            result = builder.insert_element(result, value, at)
         return result
 
     return emit
@@ -164,8 +166,9 @@ def _define_functions() -> None:
     _define(operator.neg, 1, lanes, lanes, lambda context, builder, x: builder.fneg(x))
     _define(abs, 1, lanes, lanes, _vector_instruction("llvm.fabs"))
     _define(math.sqrt, 1, lanes, lanes, _vector_instruction("llvm.sqrt"))
-    for function in math.cos, math.sin, math.exp:
+    for function in math.cos, math.sin, math.exp, math.log1p:
         _define(function, 1, lanes, lanes, _lane_by_lane(function))
+    _define(math.atan2, 2, lanes, lanes, _lane_by_lane(math.atan2))
 
     def is_finite(context: Any, builder: Any, x: Any) -> Any:
         size = _vector_instruction("llvm.fabs")(context, builder, x)

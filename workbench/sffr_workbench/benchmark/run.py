@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sffr_baselines import POLICIES
-from sffr_baselines.laws import ORACLES
+from sffr_baselines.laws import ORACLES, SHAPERS
 from sffr_gym import ConfigError
 from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import MANIFEST, origin
@@ -29,8 +29,11 @@ SUITE_EPISODES = 20
 
 
 def default_policies() -> tuple[str, ...]:
-    """Return all policies by name but the random one and the oracles, which run beside their laws where they differ."""
-    return tuple(name for name in POLICIES if name not in ("random", *ORACLES.values()))
+    """Return all policies by name but the random one, oracles and shapers.
+
+    Oracles run beside their laws where they differ; a shaper leaves the path, which is what the score takes for error.
+    """
+    return tuple(name for name in POLICIES if name not in ("random", *ORACLES.values(), *SHAPERS))
 
 
 def run_benchmark(

@@ -10,6 +10,7 @@ import typer
 from sffr_baselines import POLICIES
 from sffr_baselines.learned import shipped_policies
 from sffr_baselines.own_law import OwnPolicy
+from sffr_gym import ConfigError
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_workbench.cli.options import FirstSeed, Overrides, ParamsFile, Quiet, ScenarioName, argument, option, whole
@@ -27,6 +28,7 @@ from sffr_workbench.evaluation.run import DEFAULT_EPISODES
 from sffr_workbench.figures import draw_episode_figures
 
 SLOW = 3.0e-4  # s, of a call of a law; an episode of the case study then takes 17 s
+MOST_DIGITS = 8  # of an episode's number
 _LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
 _POLICY_HELP = (
     "Policies to compare; a learned one by its [bold].npz[/] file, a law of your own as [bold]mine.py:MyLaw[/].\n\n"
@@ -37,6 +39,16 @@ _POLICY_HELP = (
 def add_commands(app: typer.Typer) -> None:
     """Add the command of this module to the command line."""
     app.command("evaluate", no_args_is_help=True)(evaluate_command)
+
+
+def chosen_episodes(record: str) -> list[int] | None:
+    """Return the numbers of a list such as ``0,3,7``, None for ``all``; raises ConfigError for anything else."""
+    if record == "all":
+        return None
+    parts = [part.strip() for part in record.split(",")]
+    if not all(part.isascii() and part.isdecimal() and len(part) < MOST_DIGITS for part in parts):
+        raise ConfigError(f"--record {record!r}: must be episodes counted from 0, such as 0,3,7, or all")
+    return sorted(map(int, parts))
 
 
 def evaluate_command(
@@ -56,7 +68,10 @@ def evaluate_command(
     out: Annotated[Path | None, option("--out -o", "Run folder.", "DIR", "runs/<scenario>-<date-time>")] = None,
     params: ParamsFile = None,
     overrides: Overrides = None,
-    figures: Annotated[bool, option("--figures/--no-figures", "Draw each policy's first episode.")] = True,
+    figures: Annotated[bool, option("--figures/--no-figures", "Draw each policy's first recorded episode.")] = True,
+    record: Annotated[
+        str, option("--record", "Episodes to record, counted from 0, such as 0,3,7; or all.", "LIST")
+    ] = "0",
     overwrite: Annotated[bool, option("--overwrite", "Replace a finished run in DIR.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -66,7 +81,7 @@ def evaluate_command(
     """
     notes, results = consoles(quiet)
     out, draw = out or dated_folder(Path(scenario).stem), figures and can_draw(notes)
-    plan = plan_evaluation(policies, scenario, episodes, seed, params, overrides or ())
+    plan = plan_evaluation(policies, scenario, episodes, seed, params, overrides or (), chosen_episodes(record))
     for policy in plan.policies:
         if isinstance(policy, OwnPolicy) and policy.call_time > SLOW:
             minutes = policy.call_time * plan.scenario.ticks(plan.params) / 60.0
@@ -78,7 +93,7 @@ def evaluate_command(
         interruptible(notes, f"nothing was written to {out}, and the same command starts again"),
         RunFolder.claim(out, "evaluation", overwrite=overwrite) as run,
     ):
-        run.check_names(run_names((policy.name for policy in plan.policies), draw))
+        run.check_names(run_names(plan, draw))
         with EvaluationProgress(notes) as progress:
             evaluation = run_evaluation(plan, progress)
         try:

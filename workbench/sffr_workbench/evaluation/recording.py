@@ -43,7 +43,9 @@ class ReferenceSection(Section):
     radius: Radius = Field(description="[m]")
     rate: float = Field(description="[rad/s]")
     phase: float = Field(description="[rad]")
+    lobes: float = Field(description="[-]")
     turning: float = Field(description="[-]")
+    bearing: float = Field(description="[rad]")
     x0: float = Field(description="[m]")
     y0: float = Field(description="[m]")
     base_x: float = Field(description="[m]")
@@ -51,6 +53,7 @@ class ReferenceSection(Section):
     yaw: float = Field(description="[rad]")
     phi: float = Field(description="[rad]")
     joints: tuple[float, ...] = Field(description="[rad]")
+    pieces: tuple[float, ...] = Field(description="[s, m, rad and rates]")
 
 
 class About(Section):
@@ -102,7 +105,7 @@ class Recording:
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
         about = kept | {
             "plant": self.plant.to_dict(),
-            "reference": self.reference._replace(joints=self.reference.joints.tolist())._asdict(),
+            "reference": {name: np.asarray(value).tolist() for name, value in self.reference._asdict().items()},
         }
         arrays = {name: about.pop(name).astype(np.float64) for name in _ARRAYS}
         file = io.BytesIO()
@@ -129,7 +132,8 @@ class Recording:
         if set(arrays) != {ABOUT, *_ARRAYS}:
             raise ValueError(f"holds {', '.join(sorted(arrays)[:5])}")
         about = build(About, parse_json(str(arrays.pop(ABOUT)), ABOUT), lambda key: ABOUT)
-        reference = Reference(**about.reference.model_dump() | {"joints": np.array(about.reference.joints)})
+        numbers = about.reference.model_dump()
+        reference = Reference(**numbers | {name: np.array(numbers[name], np.float64) for name in ("joints", "pieces")})
         values = {name: array.astype(np.float64) for name, array in arrays.items()}
         recording = cls(**dict(about) | values | {"reference": reference})
         recording._check()
@@ -151,6 +155,8 @@ class Recording:
                 raise ValueError(f"{name} has the shape {arrays[name].shape} instead of {shape}")
         if rows == 0:
             raise ValueError("holds no state")
+        if self.reference.pieces.size != self.plant.path.pieces.size:
+            raise ValueError(f"reference.pieces: must be those of path.kind = {self.plant.path.kind!r}")
         for name in "t", "p", "applied", "limit":
             if not (np.abs(arrays[name]) <= LARGEST).all():
                 raise ValueError(f"{name} must be finite, and at most {LARGEST:.0e}")
@@ -159,9 +165,9 @@ class Recording:
 _ARRAYS = tuple(field.name for field in fields(Recording) if field.type == "Array")
 
 
-def recording_name(policy: str) -> str:
-    """Return the name of a policy's recording in a run folder."""
-    return f"{RECORDINGS}/{file_name(policy)}{SUFFIX}"
+def recording_name(policy: str, seed: int | None = None) -> str:
+    """Return the name of a policy's recording in a run folder; with the seed of the episode if it is not the first."""
+    return f"{RECORDINGS}/{file_name(policy)}{'' if seed is None else f'@{seed}'}{SUFFIX}"
 
 
 def recording_files(run: RunFolder) -> list[Path]:

@@ -20,14 +20,14 @@ from sffr_gym.config.reading import read_csv, read_json
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import ModelT, build, check_error
-from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.metrics import ARRIVAL_MEASURES, MEASURES
 from sffr_gym.task.score import Result
 from sffr_gym.task.status import REASONS
 
 SUMMARY_FILE, PLAN_FILE, EPISODES_FILE = "summary.json", "plan.json", "episodes.csv"
 KEYS = ("scenario", "policy", "seed")  # of an episode
 FILE = "policy_file"  # column of the hash of a policy's file, where one has a file
-OWN = (*KEYS, *MEASURES, "failure", FILE)  # columns of an episode; the others are what the scenario drew
+OWN = (*KEYS, *MEASURES, *ARRIVAL_MEASURES, "failure", FILE)  # columns of an episode; the others were drawn
 LONGEST_NAME = 520  # characters, of a policy: those of its file and its folder
 FAILURES = tuple(REASONS.values())
 _WHOLE, _NUMBER = re.compile(r"-?[0-9]{1,20}"), re.compile(r"-?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?")  # as Python writes
@@ -37,7 +37,11 @@ _FIELDS: dict[str, Any] = {
     name: (float | None, Field(ge=0.0, le=1.0 if unit == "1" else None, description=f"[{unit}]"))
     for name, unit in MEASURES.items()
 }
-Measures = create_model("Measures", __base__=Section, **_FIELDS)
+_ON_ARRIVAL: dict[str, Any] = {
+    name: (float | None, Field(default=None, ge=0.0, description=f"[{unit}]"))
+    for name, unit in ARRIVAL_MEASURES.items()
+}
+Measures = create_model("Measures", __base__=Section, **_FIELDS, **_ON_ARRIVAL)
 
 
 class Episode(Section):
@@ -67,13 +71,15 @@ class Episode(Section):
             reason = f"must be {failed:g} with the failure {self.failure!r}"
             raise_errors([error_at(("measures", "failed"), own["failed"], reason)])
         reason = "must be a number where the episode did not fail"
-        lost = [name for name, value in own.items() if value is None and not failed]
+        lost = [name for name in MEASURES if own[name] is None and not failed]
         raise_errors([error_at(("measures", name), None, reason) for name in lost])
         return self
 
     def result(self) -> Result:
         """Return the episode; a measure that was not finite is NaN."""
-        measures = {name: nan if value is None else value for name, value in dict(self.measures).items()}
+        own = dict(self.measures)
+        arrived = [name for name in ARRIVAL_MEASURES if own[name] is not None]
+        measures = {name: nan if own[name] is None else own[name] for name in (*MEASURES, *arrived)}
         return Result(self.scenario, self.policy, self.seed, measures, self.failure, self.drawn, self.file)
 
 
@@ -198,12 +204,13 @@ def _check_complete(results: list[Result], file: Path) -> None:
 
 def _read_row(row: Mapping[str, str], where: str) -> Result:
     """Return the result of a row of the episodes' file."""
+    names = (*MEASURES, *(name for name in ARRIVAL_MEASURES if name in row))
     drawn = {name: text for name, text in row.items() if name not in OWN and text}
     data = {
         "scenario": row["scenario"],
         "policy": row["policy"],
         "seed": _value(row["seed"]),
-        "measures": {name: _value(row[name]) if row[name] else None for name in MEASURES},
+        "measures": {name: _value(row[name]) if row[name] else None for name in names},
         "failure": row["failure"],
         "drawn": {name: _value(text) for name, text in drawn.items()},
         "file": row.get(FILE, ""),

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,12 @@ from sffr_gym.config.arguments import check_arguments
 from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, resolve_robot, resolve_scenario
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.metrics import measured
 from sffr_gym.task.scenario import EVALUATION_SEED, EpisodeRange, Scenario
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_workbench.common import Progress, ignore
 from sffr_workbench.evaluation.notebook import frame_of, html_of, rows_of
+from sffr_workbench.evaluation.recording import Recording, recording_name
 
 DEFAULT_EPISODES = 10  # default of a scenario that draws something
 
@@ -38,7 +40,8 @@ class Evaluation:
     episodes: int  #: of each policy; episode i has the seed ``seed + i`` for all of them
     seed: int
     results: dict[str, list[Result]]  #: by policy, in the order of the episodes
-    first: dict[str, Trajectory]  #: the first episode of each policy, for pictures
+    first: dict[str, Trajectory]  #: the first recorded episode of each policy, for pictures
+    recordings: dict[str, bytes]  #: contents of the recordings' files, by their names in the run folder
     names: dict[str, str]  #: by which each policy was made, by what tables call it
     files: dict[str, str]  #: hash of the file that decides what a policy does, of those that have one
     skipped: dict[str, str]  #: policies that cannot control this robot, and why
@@ -47,8 +50,9 @@ class Evaluation:
 
     def summary(self) -> dict[str, Any]:
         """Return scenario, its hash, episodes, seed, and the mean over the episodes of every policy's measures."""
+        names = measured(result.measures for results in self.results.values() for result in results)
         policies = {
-            policy: {name: float(np.mean([result.measures[name] for result in results])) for name in MEASURES}
+            policy: {name: float(np.mean([result.measures.get(name, nan) for result in results])) for name in names}
             for policy, results in self.results.items()
         }
         what = {"scenario": self.scenario.name, "scenario_hash": self.scenario.hash(self.params)}
@@ -111,6 +115,7 @@ class EvaluationPlan:
     params: Params
     episodes: int | None  #: of each policy; None for 10, or for 1 if the scenario draws nothing
     seed: int  #: of the first episode
+    recorded: tuple[int, ...] | None = (0,)  #: episodes that are recorded, counted from 0; None for all
 
 
 def plan_evaluation(
@@ -120,6 +125,7 @@ def plan_evaluation(
     seed: int = EVALUATION_SEED,
     params: ParamsLike = None,
     overrides: Sequence[str] = (),
+    record: Sequence[int] | None = (0,),
 ) -> EvaluationPlan:
     """Return what an evaluation is to run; see :func:`evaluate`.
 
@@ -132,7 +138,9 @@ def plan_evaluation(
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
     files = {title: each for title, each in file_hashes(given_files(policies)).items() if title not in skipped}
     names = {policy_title(name): name for name in policies if policy_title(name) not in skipped}
-    return EvaluationPlan(tuple(runners), names, files, skipped, chosen, resolved, asked.episodes, asked.seed)
+    recorded = None if record is None else tuple(record)
+    about = names, files, skipped, chosen, resolved
+    return EvaluationPlan(tuple(runners), *about, asked.episodes, asked.seed, recorded)
 
 
 def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluation:
@@ -154,17 +162,23 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
     total = ends[-1] * len(plan.policies)
     results: dict[str, list[Result]] = {policy.name: [] for policy in plan.policies}
     first: dict[str, Trajectory] = {}
+    recordings: dict[str, bytes] = {}
+    recorded = _recorded(plan, episodes)
     for k, policy in enumerate(plan.policies):
         progress(policy.name, ends[-1] * k, total)
         report = episode_progress(progress, policy.name, ends[-1] * k, total)
         for trajectory in rollouts(env, policy, range(plan.seed, plan.seed + episodes), report):
-            first.setdefault(policy.name, trajectory)
+            if trajectory.seed - plan.seed in recorded:
+                name = recording_name(policy.name, trajectory.seed if policy.name in first else None)
+                recordings[name] = Recording.of(trajectory).to_bytes()
+                first.setdefault(policy.name, trajectory)
             own = plan.files.get(policy.name, "")
             results[policy.name].append(replace(result_of(trajectory), file=own))
     progress(plan.policies[-1].name, total, total)
     elapsed = time.perf_counter() - clock
     about = plan.names, plan.files, plan.skipped
-    return Evaluation(plan.scenario, plan.params, episodes, plan.seed, results, first, *about, started, elapsed)
+    kept = results, first, recordings
+    return Evaluation(plan.scenario, plan.params, episodes, plan.seed, *kept, *about, started, elapsed)
 
 
 def evaluate(
@@ -175,6 +189,7 @@ def evaluate(
     params: ParamsLike = None,
     overrides: Sequence[str] = (),
     progress: Progress = ignore,
+    record: Sequence[int] | None = (0,),
 ) -> Evaluation:
     """Run policies on the same episodes of a scenario.
 
@@ -187,11 +202,12 @@ def evaluate(
         params: a ``Params`` object, a file, or None for the case study.
         overrides: assignments such as ``"panel.EI=25"`` on top of them.
         progress: called with policy, control periods done and control periods in all, first with 0 for each policy.
+        record: episodes whose recordings are kept, counted from 0; None for all.
 
     Raises:
         ConfigError: for anything that is not valid; nothing has run then.
     """
-    return run_evaluation(plan_evaluation(policies, scenario, episodes, seed, params, overrides), progress)
+    return run_evaluation(plan_evaluation(policies, scenario, episodes, seed, params, overrides, record), progress)
 
 
 def with_oracles(policies: Sequence[str], scenario: Scenario) -> list[str]:
@@ -262,6 +278,15 @@ def make_policies(names: Sequence[str], params: Params) -> list[Policy]:
     if skipped:
         raise UnfitError("\n".join(skipped.values()))
     return policies
+
+
+def _recorded(plan: EvaluationPlan, episodes: int) -> set[int]:
+    """Return the episodes that are recorded; raises ConfigError for one that does not exist."""
+    chosen = set(range(episodes) if plan.recorded is None else plan.recorded)
+    if not chosen or not chosen <= set(range(episodes)):
+        beyond = sorted(chosen - set(range(episodes)))
+        raise ConfigError(f"record {beyond[0] if beyond else 'nothing'}: episodes count from 0 to {episodes - 1}")
+    return chosen
 
 
 def _length(env: SFFRFlexEnv, seed: int) -> int:

@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
+from collections.abc import Mapping, Sequence
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
 from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import MANIFEST, origin
 from sffr_gym.config.run_folder import RunFolder
-from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.metrics import measured
 from sffr_gym.task.score import Result
-from sffr_workbench.evaluation.recording import Recording, recording_name
+from sffr_workbench.evaluation.recording import recording_name
 from sffr_workbench.evaluation.records import EPISODES_FILE, FILE, KEYS, SUMMARY_FILE
-from sffr_workbench.evaluation.run import Evaluation
+from sffr_workbench.evaluation.run import Evaluation, EvaluationPlan
 
 FIGURE_FILES = ("path.png", "tracking.png", "panels.png", "damping.png", "forces.png")
 
 
-def run_names(policies: Iterable[str], figures: bool) -> list[str]:
-    """Return the names of all files that an evaluation of some policies may write."""
-    names = [*map(recording_name, policies), EPISODES_FILE, MANIFEST, SUMMARY_FILE]
+def run_names(plan: EvaluationPlan, figures: bool) -> list[str]:
+    """Return the names of all files that an evaluation may write."""
+    seeds = [None, *(plan.seed + episode for episode in plan.recorded or ())]
+    names = [recording_name(policy.name, seed) for policy in plan.policies for seed in seeds]
+    names += [EPISODES_FILE, MANIFEST, SUMMARY_FILE]
     return names + list(FIGURE_FILES) * figures
 
 
@@ -46,20 +48,19 @@ def write_run(
         MANIFEST: to_json(manifest(evaluation, command)),
         SUMMARY_FILE: to_json(evaluation.summary()),
     }
-    contents = {recording_name(name): Recording.of(each).to_bytes() for name, each in evaluation.first.items()}
-    contents |= {name: text.encode() for name, text in texts.items()}
+    contents = evaluation.recordings | {name: text.encode() for name, text in texts.items()}
     return run.replace(contents | dict(figures or {}), remove=run.files)
 
 
 def episodes_csv(rows: Sequence[Result]) -> str:
     """Return a row for each episode: scenario, policy, seed, every measure, failure, and what the scenario drew."""
     drawn = list(dict.fromkeys(name for row in rows for name in row.drawn))
-    text = io.StringIO()
+    names, text = measured(row.measures for row in rows), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     file = [FILE] if any(row.file for row in rows) else []
-    writer.writerow([*KEYS, *MEASURES, "failure", *file, *drawn])
+    writer.writerow([*KEYS, *names, "failure", *file, *drawn])
     for row in rows:
-        values = [value if isfinite(value := row.measures[name]) else "" for name in MEASURES]
+        values = [value if isfinite(value := row.measures.get(name, nan)) else "" for name in names]
         draws = (row.drawn.get(name, "") for name in drawn)
         writer.writerow(
             [row.scenario, row.policy, row.seed, *values, row.failure, *([row.file] if file else []), *draws]

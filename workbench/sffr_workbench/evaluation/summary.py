@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sffr_baselines.laws import undamped_coordinates
-from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.metrics import ARRIVAL_MEASURES, MEASURES
 from sffr_gym.task.score import REFERENCE, WEIGHTS, costs, ratios
 from sffr_workbench.common import format_number, plural, prefixed_unit, terminal_table
 from sffr_workbench.evaluation.run import Evaluation
@@ -22,12 +22,18 @@ class Column(NamedTuple):
     heading: str  #: in two lines, on the terminal
     always: bool = True  #: False: left out on a terminal of less than ``WIDE`` columns
 
+    @property
+    def unit(self) -> str:
+        """The measure's unit."""
+        return (MEASURES | ARRIVAL_MEASURES)[self.measure]
+
 
 COLUMNS = (
     Column("track_rmse", "tracking, rms", "track\nrmse"),
     Column("track_max", "tracking, largest", "track\nmax"),
     Column("vibration", "vibration", "vibr.\nmean"),
     Column("tip_max", "largest tip", "tip\nmax"),
+    Column("residual_tip", "tip after arrival", "tip\nafter"),
     Column("settling_time", "settled after", "settled\nafter"),
     Column("piezo_effort", "piezo effort", "piezo\neffort"),
     Column("thruster_impulse", "thrust impulse", "thrust\nimpulse", always=False),
@@ -45,9 +51,13 @@ def summary_table(evaluation: Evaluation, width: int = 100) -> Table:
     out = terminal_table(title, padding=int(width >= WIDE))
     out.add_column("\n\npolicy", style="bold", no_wrap=True)
     columns: list[dict[str, str]] = []
-    for name, _, heading, always in COLUMNS:
-        if always or width >= WIDE:
-            unit, scale = prefixed_unit(MEASURES[name], max(abs(means[policy][name]) for policy in whole))
+    for column in COLUMNS:
+        name, heading = column.measure, column.heading
+        arrives, wide = "residual_tip" in means[reference], width >= WIDE
+        if name == "settling_time" and arrives and not wide:  # for which there is no room then
+            continue
+        if name in means[reference] and (column.always or wide):
+            unit, scale = prefixed_unit(column.unit, max(abs(means[policy][name]) for policy in whole))
             out.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
             columns.append({policy: format_number(means[policy][name] / scale) for policy in results})
     for name, heading in ("vibration", "vibr.\nratio"), ("track_rmse", "track\nratio"):
@@ -59,7 +69,7 @@ def summary_table(evaluation: Evaluation, width: int = 100) -> Table:
     out.add_column("\nfailed", justify="right", no_wrap=True)
     columns.append({policy: f"{failed}/{evaluation.episodes}" for policy, failed in failures.items()})
     for policy in results:
-        out.add_row(Text(policy), *(column[policy] for column in columns), style="red" if failures[policy] else None)
+        out.add_row(Text(policy), *(cells[policy] for cells in columns), style="red" if failures[policy] else None)
     return out
 
 

@@ -1,4 +1,4 @@
-"""The figure of the robot on its circle."""
+"""The figure of the robot on its path."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from sffr_baselines.rollout import Trajectory
 from sffr_gym.config.params import Params
 from sffr_gym.physics.kinematics import rotation, tip_deflections
 from sffr_gym.physics.model import Model, object_slice
-from sffr_gym.render.geometry import CORNERS, arm_line, in_base_axes, panel_line, path_points
+from sffr_gym.render.geometry import CORNERS, arm_line, in_base_axes, panel_line, path_points, track_of
+from sffr_gym.task.reference import on_circle
 from sffr_gym.types import Array
 from sffr_workbench.figures.style import SHORT, plain
 
@@ -27,7 +28,7 @@ MAX_ROBOTS = 8
 
 
 def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
-    """Draw the path on its circle, the robot at several times, and one of them, whose panels bend well, at large."""
+    """Draw the path, the robot at several times, and one of them, whose panels bend well, at large."""
     from matplotlib.figure import Figure
 
     bends = np.abs(tip_deflections(model, trajectory.p)).max(axis=1, initial=0.0)
@@ -50,7 +51,8 @@ def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
     whole.grid(False)
     title = f"{plain(trajectory.policy)}, {plain(trajectory.scenario)}"
     title += f"\npanel deflections \u00d7{factor}" if params.panel.mounts else ""
-    if trajectory.reference.radius > 2.5 * params.panel.length:  # there is room in the middle
+    reference = trajectory.reference
+    if on_circle(reference) and reference.radius > 2.5 * params.panel.length:  # there is room in the middle
         whole.legend(loc="center", title=title)
     else:
         figure.legend(*whole.get_legend_handles_labels(), loc="outside upper left", ncols=3, title=title)
@@ -105,8 +107,9 @@ def draw_robot(
 
 
 def _draw_paths(axes: Axes, trajectory: Trajectory, model: Model, params: Params) -> None:
-    """Draw the circle, and what object and base did."""
-    axes.plot(*_circle(trajectory).T, color=CIRCLE, linewidth=5.0, label="circle", zorder=1)
+    """Draw the desired path, and what object and base did."""
+    name = "circle" if on_circle(trajectory.reference) else "desired path"
+    axes.plot(*_desired(trajectory).T, color=CIRCLE, linewidth=5.0, label=name, zorder=1)
     if params.object is not None:
         carried = trajectory.p[:, object_slice(model)][:, :2]
         axes.plot(*carried.T, color=OBJECT, linewidth=1.4, label="path of the object", zorder=2)
@@ -114,15 +117,16 @@ def _draw_paths(axes: Axes, trajectory: Trajectory, model: Model, params: Params
     axes.plot(*base.T, color=LINK, linewidth=0.9, linestyle=(0, (4, 3)), label="path of the base", zorder=2)
 
 
-def _circle(trajectory: Trajectory) -> Array:
+def _desired(trajectory: Trajectory) -> Array:
     """Return the whole path (361, 2) [m], from the start of the motion on."""
-    return path_points(trajectory.reference, trajectory.reference.phase + np.linspace(0.0, 2.0 * np.pi, 361))
+    return path_points(trajectory.reference, np.linspace(0.0, track_of(trajectory.reference).span, 361))
 
 
 def _write_time(axes: Axes, trajectory: Trajectory, model: Model, row: int) -> None:
-    """Write the time beside a robot, where its arms, its panels and the circle leave room."""
+    """Write the time beside a robot, where its arms, its panels and the path leave room."""
     p = trajectory.p[row]
-    outward = (p[:2] - _circle(trajectory).mean(axis=0)) / trajectory.reference.radius
+    track = track_of(trajectory.reference)
+    outward = (p[:2] - track.centre) / track.reach
     arms = [arm_line(model, p, arm)[:, 0].max() for arm in range(len(model.arm_mount))]
     place, side = np.array([max([p[0], *arms]) + 0.6, p[1] + 0.9 * outward[1]]), "left"
     if trajectory.reference.turning:  # between the arms and the outer panel, which turn too

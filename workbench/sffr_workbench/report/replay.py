@@ -12,14 +12,16 @@ from sffr_baselines.rollout import STRIDE
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym.physics.kinematics import modal_tip_deflections, tip_deflections
 from sffr_gym.physics.model import N_BASE, Model, joint_slice, mode_slice, object_slice, pack
-from sffr_gym.render.geometry import force_scales, panel_shapes
+from sffr_gym.render.geometry import force_scales, panel_shapes, path_points, track_of
 from sffr_gym.task.quasi_static import quasi_static_at
+from sffr_gym.task.reference import N_REFERENCE
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_gym.types import Array
 from sffr_workbench.evaluation import Recording
 from sffr_workbench.report.spectrum import mode_frequencies, spectrum, use_of_limits
 
 POINTS = 32  # of a panel's drawn line
+PATH_POINTS = 361  # of the drawn path, evenly in time
 
 
 def episode_data(recordings: Mapping[str, Recording], colours: Mapping[str, str]) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def episode_data(recordings: Mapping[str, Recording], colours: Mapping[str, str]
 def robot_data(recording: Recording) -> dict[str, Any]:
     """Return the robot's shape, its path and limits; lengths in metres."""
     params, reference = recording.plant, recording.reference
-    model = pack(params)
+    model, track = pack(params), track_of(reference)
     scales = force_scales(params, model)
     x, _, W = panel_shapes(params.panel.length, params.panel.elements, POINTS)
     bounds = zip(model.arm_first, model.arm_first[1:], strict=False)
@@ -65,7 +67,8 @@ def robot_data(recording: Recording) -> dict[str, Any]:
         "faces": 1 if params.actuators.piezo.array == "generalized" else 2,
         "grasps": model.grasp_point.tolist(),
         "path": {
-            "radius": reference.radius, "centre": _centre(recording), "start": reference.phase, "rate": reference.rate,
+            "points": path_points(reference, np.linspace(0.0, track.span, PATH_POINTS)).round(4).tolist(),
+            "radius": track.reach, "centre": track.centre.tolist(), "span": track.span,
         },
         "volts": params.actuators.piezo.voltage,
         "newtons": {"thrust": scales.thrust, "grasp": scales.grasp},  # for a metre of plume or arrow
@@ -141,12 +144,5 @@ def group_by_episode(recordings: Sequence[tuple[str, Recording]]) -> list[dict[s
 def _identity(recording: Recording) -> tuple[Any, ...]:
     """Return what recordings of the same episode share: scenario, seed, plant, limits, path and start."""
     path, arrays = recording.reference, (recording.limit.tobytes(), recording.p[0].tobytes())
-    drawn = path.radius, path.rate, path.phase, path.turning, *arrays
+    drawn = path[:N_REFERENCE], path.pieces.tobytes(), *arrays
     return recording.scenario, recording.seed, recording.plant.hash(), *drawn
-
-
-def _centre(recording: Recording) -> list[float]:
-    """Return the circle's middle [m]."""
-    reference = recording.reference
-    x = reference.x0 - reference.radius * np.sin(reference.phase)
-    return [float(x), float(reference.y0 + reference.radius * np.cos(reference.phase))]

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from sffr_gym import ConfigError
 from sffr_gym.config.files import to_json
 from sffr_gym.config.reading import read_bytes
 from sffr_gym.config.run_folder import RunFolder
-from sffr_gym.task.metrics import MEASURES
+from sffr_gym.task.metrics import ARRIVAL_MEASURES
 from sffr_gym.task.score import REFERENCE, Result, costs
 from sffr_workbench import benchmark
 from sffr_workbench.benchmark import by_scenario
@@ -161,9 +162,14 @@ def score_table(scenario: str, group: Mapping[str, Sequence[Result]]) -> ScoreTa
         columns.append(_cells(costs(group), 1.0))
     means: dict[str, dict[str, float]] = {}
     for column in sorted(COLUMNS, key=lambda column: column.measure != "vibration"):  # first what the verdict is about
-        values = {name: float(np.mean([each.measures[column.measure] for each in own])) for name, own in group.items()}
+        values = {
+            name: float(np.mean([each.measures.get(column.measure, nan) for each in own]))
+            for name, own in group.items()
+        }
+        if column.measure in ARRIVAL_MEASURES and not any(map(isfinite, values.values())):
+            continue
         means[column.measure] = values
-        unit, scale = prefixed_unit(MEASURES[column.measure], max(values[policy] for policy in whole))
+        unit, scale = prefixed_unit(column.unit, max(values[policy] for policy in whole))
         heads.append((column.title, unit))
         columns.append(_cells(values, scale))
     rows = [

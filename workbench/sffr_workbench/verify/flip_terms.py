@@ -36,7 +36,10 @@ LOOP = {  # file: function: what it computes
         "pack_actuators": "15", "generalized_forces": "14", "modulate": "PWPF", "quantise": "steps", "_follow": "lag",
         "_lag": "lag",
     },
-    f"{TASK}/reference.py": {"circle_reference": "formation", "desired": "path"},
+    f"{TASK}/reference.py": {
+        "path_reference": "formation", "desired": "path", "_on_figure_eight": "path", "_on_pieces": "path",
+        "_polynomial": "path", "_along": "heading",
+    },
     f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
     f"{TASK}/signals.py": {"measure_state": "signals", "measure_command": "signals", "_bending": "signals"},
     f"{TASK}/quasi_static.py": {"quasi_static_amplitude": "quasi-static"},
@@ -53,7 +56,7 @@ LOOP = {  # file: function: what it computes
     f"{LAWS}/regulator.py": {
         "make_regulator": "root", "optimal_gain": "Riccati", "sampled_panel": "sampling", "regulate": "feedback",
         "deviate": "quasi-static",
-        "worth_of_effort": "score", "root_acceleration": "quasi-static", "_quasi_static_shape": "quasi-static",
+        "worth_of_effort": "score", "root_acceleration": "quasi-static",
     },
     f"{LAWS}/predictive.py": {"problem": "programme", "predict": "limits", "solve": "gradient"},
     f"{LAWS}/position_feedback.py": {

@@ -56,9 +56,11 @@ function swingEnds(recording, state, k, t) {
   return recording.swing(t, k).map((swing) => rest + swing);
 }
 
-/** A point of the path at an angle on the circle. */
-function onPath({ centre, radius }, angle) {
-  return plus(centre, [Math.sin(angle), -Math.cos(angle)], radius);
+/** The place between two points of the path: `part` counts points from the start. */
+function onPath({ points }, part) {
+  const first = Math.min(Math.floor(part), points.length - 2);
+  const [a, b] = points.slice(first, first + 2);
+  return [0, 1].map((axis) => a[axis] + (part - first) * (b[axis] - a[axis]));
 }
 
 /** The colour of a voltage: the panel's own at zero, on a logarithmic scale to those of the limit on either side. */

@@ -60,11 +60,10 @@ class Scene {
 
   drawPath(t) {
     const { path } = this.robot;
-    const covered = path.rate * t;
-    const arc = (from, to) => Array.from({ length: 181 }, (_, k) =>
-      this.place(onPath(path, path.start + from + ((to - from) * k) / 180)));
-    this.surface.line(arc(0, 2 * Math.PI), Theme.colours.ahead, 3);
-    this.surface.line(arc(Math.max(0, covered - 2 * Math.PI), covered), Theme.colours.covered, 3);
+    const part = Math.min(t / path.span, 1) * (path.points.length - 1);
+    const covered = [...path.points.slice(0, Math.floor(part) + 1), onPath(path, part)];
+    this.surface.line(this.places(path.points), Theme.colours.ahead, 3);
+    this.surface.line(this.places(covered), Theme.colours.covered, 3);
   }
 
   /** Another policy: outlines of base, arms and object, which hide where they are the same, and its panels. */
