@@ -147,8 +147,11 @@ def test_model_in_motion_predicts_the_accelerations_of_neighbours_that_hold_the_
 
 
 def test_outputs_are_those_of_the_simulator() -> None:
-    plant = simulator("initial.qd=[0.3, -0.2, 0.4, 0.2, 0.1, 0.2, -0.2, 0.3, -0.1]", "initial.qf=[0, 0.2, 0.1]")
+    plant = simulator(
+        "initial.q.2=0.7", "initial.qd=[0.3, -0.2, 0.4, 0.2, 0.1, 0.2, -0.2, 0.3, -0.1]", "initial.qf=[0, 0.2, 0.1]"
+    )
     state = plant.initial_state()
+    assert state.q[2] == 0.7  # else axes of base and space would be the same
     base = [3.0, -2.0, 1.0]
     model = plant.linearize(state, base=base)
     qdd, _, _ = plant.acceleration(state, base=base)
