@@ -261,6 +261,6 @@ def test_sensors_give_multiples_of_their_steps(user_scenario):
 def test_half_of_the_episodes_of_thrust_are_on_off():
     """As the scenario says, and each says which it is."""
     env = SFFRFlexEnv("thrust")
-    kinds = [env.reset(seed=seed)[1]["drawn"]["thrusters_on_off"] for seed in range(60)]
+    kinds = [env.reset(seed=seed)[1]["drawn_thrusters_on_off"] for seed in range(60)]
     assert 20 <= sum(kinds) <= 40
     assert load_scenario("thrust").plant.on_off == 0.5

@@ -16,7 +16,9 @@ def leaves(tree, prefix=()):
         yield from leaves(value, (*prefix, part))
 
 
-NOT_GIVEN = {"duration": 2.5, "impulses": {"count": 1, "linear": 1.0, "angular": 1.0}}  # else an interval
+NOT_GIVEN = {  # else an interval
+    "duration": 2.5, "impulses": {"count": 1, "linear": 1.0, "angular": 1.0}, "on_off": 0.3, "angle": [0.1, 0.2],
+}  # fmt: skip
 
 OTHER_WORD = {"piezo": "joint", "thruster": "piezo", "joint": "thruster"}
 

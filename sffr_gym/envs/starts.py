@@ -66,7 +66,7 @@ def _observed(episode: Episode, known: Nominal, nominal: TaskModel) -> Array:
     """Return the true observation (n_o,) at the start of an episode, wherever it lies."""
     plant = plant_of(nominal, known, episode)
     unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(nominal, 1)
-    exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0))
+    exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0, coarse=0))
     put_episode(batch, 0, exact)
     observe_row(Structures([unbounded]), batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(nominal)))
     return batch.obs[0]
