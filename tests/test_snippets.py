@@ -39,6 +39,7 @@ COMMANDS = sorted(
     {
         (name(page), line.partition("#")[0].strip())
         for page in [*PAGES, ROOT / "CONTRIBUTING.md"]
+        if page.name != "results.md"  # which tells what was typed when its settings were found
         for text in [
             *(text for _, text in blocks(page)),
             *(" ".join(shown.split()) for shown in re.findall(r"`(sffr [^`]+)`", page.read_text(encoding="utf-8"))),
