@@ -34,14 +34,14 @@ if "SFFRFlex-v0" not in gymnasium.registry:
     gymnasium.register(
         id="SFFRFlex-v0",
         entry_point="sffr_gym.envs.single:SFFRFlexEnv",
-        vector_entry_point="sffr_gym.envs.vector:SFFRFlexVectorEnv",
+        vector_entry_point="sffr_gym.envs.backends:make_flex",
         order_enforce=False,
         disable_env_checker=True,
     )
     gymnasium.register(  # one list of the project's ids; nothing of the baselines is imported before it is made
         id="SFFRFlexDamping-v0",
         entry_point="sffr_baselines.damping_env:SFFRFlexDampingEnv",
-        vector_entry_point="sffr_baselines.damping_env:SFFRFlexDampingVectorEnv",
+        vector_entry_point="sffr_baselines.damping_env:make_damping_envs",
         order_enforce=False,
         disable_env_checker=True,
     )

@@ -17,6 +17,7 @@ from sffr_baselines.schedule import BOUNDS
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
+from sffr_gym.envs.backends import make_on
 from sffr_gym.envs.base import RobotEnvironment
 from sffr_gym.envs.fleet import plants_of
 from sffr_gym.envs.infos import Infos, Mask
@@ -275,14 +276,19 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
         super()._advance(actions, active)
         self.step_prices = self._damping.price.copy()
 
-    def _observed(self) -> np.ndarray:
-        return self._damping.features.astype(self.observation_space.dtype)
+    def _seen(self) -> Array:
+        return self._damping.features
 
     def _acting(self) -> Array:
         return self.damping[:, :, TRANSVERSE]
 
     def _infos(self, mask: Mask) -> Infos:
         return super()._infos(mask) | {"damping": self.damping, "_damping": mask.copy()}
+
+
+def make_damping_envs(num_envs: int = 1, *, backend: str = "cpu", **kwargs: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Return many ``SFFRFlexDamping-v0`` environments; see :func:`sffr_gym.envs.backends.make_on`."""
+    return make_on(backend, SFFRFlexDampingVectorEnv, num_envs, **kwargs)
 
 
 def training_scenario(scenario: Scenario, duration: float | None, random_phase: bool) -> Scenario:

@@ -125,6 +125,16 @@ def put_episode(batch: Batch, i: int, episode: Episode) -> None:
     batch.impulse_tick[i, :count], batch.impulse[i, :count] = episode.impulses
 
 
+class Setup(NamedTuple):
+    """What is called to advance a batch; see :class:`Stepper`."""
+
+    kernel: Entry
+    plants: Structures
+    batch: Batch
+    more: tuple[Any, ...]
+    shapes: Any  #: of the memory of a group
+
+
 class Stepper:
     """Advances a batch, by calls that are prepared once: in lanes where these can be filled, on threads that pay.
 
@@ -140,6 +150,7 @@ class Stepper:
 
     Attributes:
         actions: (n, n_actions) and active: (n,) what :meth:`step` takes; to be filled.
+        setup: what is called.
     """
 
     def __init__(
@@ -149,6 +160,7 @@ class Stepper:
         n = len(batch.tick)
         self.actions, self.active = np.zeros((n, n_actions)), np.ones(n, dtype=np.bool_)
         self._plants = Structures(plants)
+        self.setup = Setup(kernel, self._plants, batch, more, shapes)
         filled = n - n % WIDTH if load_library() is not None else 0
         own = len(plants) > 1 and filled > 0
         self._groups = LanePlants(plants[k : k + WIDTH] for k in range(0, filled, WIDTH)) if own else None

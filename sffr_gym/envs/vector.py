@@ -289,7 +289,11 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
 
     def _observed(self) -> np.ndarray:
         """A copy of what agents see now."""
-        return self._batch.obs.astype(self.observation_space.dtype)
+        return self._seen().astype(self.observation_space.dtype)
+
+    def _seen(self) -> Array:
+        """What agents see now."""
+        return self._batch.obs
 
     def _restart(self, mask: Mask) -> None:
         """Draw and start new episodes."""

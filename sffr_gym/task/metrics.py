@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from math import ceil, nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +60,16 @@ def measured(episodes: Iterable[Mapping[str, float]]) -> dict[str, str]:
     return MEASURES | {name: unit for name, unit in ARRIVAL_MEASURES.items() if name in found}
 
 
+class Totals(NamedTuple):
+    """What the measures of an episode are made of: its signals, summed up over its control periods."""
+
+    ticks: int  #: control periods
+    sums: Array  #: (N_SIGNALS,) of the signals, of their squares, and the largest of each
+    squares: Array
+    largest: Array
+    settled: int  #: control periods from which on the vibration stays below ``SETTLED`` of its maximum
+
+
 def measure(signals: Array, period: float, failure: str = "", arrival: float | None = None) -> dict[str, float]:
     """Return the measures of one episode, by the names in ``MEASURES``, and in ``ARRIVAL_MEASURES`` if it arrives.
 
@@ -73,19 +84,26 @@ def measure(signals: Array, period: float, failure: str = "", arrival: float | N
     """
     if len(signals) == 0:
         raise ValueError("an episode needs at least one control period")
-    rms = np.sqrt(np.mean(signals**2, axis=0))
-    mean, total, largest = signals.mean(axis=0), signals.sum(axis=0) * period, signals.max(axis=0)
-    values = (
-        rms[ERROR], largest[ERROR], rms[ATTITUDE], mean[VIBRATION], largest[TIP],
-        settling_time(signals[:, VIBRATION], period), rms[FORCE], rms[MOMENT],
-        total[PIEZO], total[THRUST], total[JOINT], mean[SAT_PIEZO], mean[SAT_THRUST], mean[SAT_JOINT],
-        float(bool(failure)), len(signals) * period,
-    )  # fmt: skip
-    measures = {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
+    settled = settling_ticks(signals[:, VIBRATION])
+    sums, squares = signals.sum(axis=0), (signals**2).sum(axis=0)
+    measures = measures_of(Totals(len(signals), sums, squares, signals.max(axis=0), settled), period, failure)
     if arrival is None:
         return measures
     after = signals[ceil(arrival / period - 1e-9) :, TIP]
     return measures | {"residual_tip": float(after.max()) if len(after) else nan}
+
+
+def measures_of(totals: Totals, period: float, failure: str) -> dict[str, float]:
+    """Return the measures in ``MEASURES`` of an episode that is summed up already; see :func:`measure`."""
+    rms, mean = np.sqrt(totals.squares / totals.ticks), totals.sums / totals.ticks
+    total, largest = totals.sums * period, totals.largest
+    values = (
+        rms[ERROR], largest[ERROR], rms[ATTITUDE], mean[VIBRATION], largest[TIP],
+        float(totals.settled * period), rms[FORCE], rms[MOMENT],
+        total[PIEZO], total[THRUST], total[JOINT], mean[SAT_PIEZO], mean[SAT_THRUST], mean[SAT_JOINT],
+        float(bool(failure)), totals.ticks * period,
+    )  # fmt: skip
+    return {name: float(value) for name, value in zip(MEASURES, values, strict=True)}
 
 
 def instability(signals: Array, period: float) -> str:
@@ -101,13 +119,35 @@ def instability(signals: Array, period: float) -> str:
         signals: (n_ticks, N_SIGNALS) of the whole episode.
         period: control period [s].
     """
-    last = signals[-max(int(LAST * len(signals)), 1) :]
-    saturated = last[:, [SAT_PIEZO, SAT_THRUST, SAT_JOINT]].mean(axis=0).max()
-    swinging = last[:, VIBRATION].mean() > SETTLED * signals[:, VIBRATION].max()
-    return REASONS[LIMIT_CYCLE] if saturated > BUSY and swinging and len(last) * period >= LEAST else ""
+    last = signals[-last_ticks(len(signals)) :]
+    return instability_of(last.mean(axis=0), len(last), signals[:, VIBRATION].max(), period)
+
+
+def instability_of(mean: Array, ticks: int, largest: float, period: float) -> str:
+    """Return why an episode was unstable, empty if it was not; see :func:`instability`.
+
+    Args:
+        mean: (N_SIGNALS,) of the signals over its last part.
+        ticks: control periods of that part.
+        largest: vibration energy of the whole episode [J].
+        period: control period [s].
+    """
+    saturated = mean[[SAT_PIEZO, SAT_THRUST, SAT_JOINT]].max()
+    swinging = mean[VIBRATION] > SETTLED * largest
+    return REASONS[LIMIT_CYCLE] if saturated > BUSY and swinging and ticks * period >= LEAST else ""
+
+
+def last_ticks(ticks: int) -> int:
+    """Return how many control periods the last part of an episode has, which shows whether it is stable."""
+    return max(int(LAST * ticks), 1)
 
 
 def settling_time(energy: Array, period: float) -> float:
     """Return the time [s] from which an energy (n_ticks,) stays below ``SETTLED`` of its maximum."""
+    return float(settling_ticks(energy) * period)
+
+
+def settling_ticks(energy: Array) -> int:
+    """Return the number of control periods from which an energy (n_ticks,) stays below ``SETTLED`` of its maximum."""
     above = np.flatnonzero(energy > SETTLED * energy.max())
-    return float((above[-1] + 1) * period) if len(above) else 0.0
+    return int(above[-1]) + 1 if len(above) else 0

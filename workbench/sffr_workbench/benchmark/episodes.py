@@ -15,9 +15,13 @@ import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
 
 import sffr_baselines
 import sffr_gym
+from sffr_baselines.laws import LawPolicy, OraclePolicy
 from sffr_baselines.own_files import own_name
 from sffr_baselines.own_law import UnfitError
 from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
@@ -131,6 +135,7 @@ def run_episodes(
     overwrite: bool = False,
     progress: Progress = ignore,
     backend: Backend | None = None,
+    device: str = "cpu",
 ) -> list[Result]:
     """Run what a folder does not hold yet, and return all episodes in the order of the plan.
 
@@ -141,10 +146,11 @@ def run_episodes(
         overwrite: start again.
         progress: called with the scenario, the episodes done and all, first before anything runs.
         backend: what runs them; None for processes of this machine.
+        device: ``cuda`` to run the laws on a GPU; all else runs on the processor.
 
     Raises:
-        ConfigError: if the folder's episodes are of other code, parameters or scenarios, one of them is damaged, or a
-            worker died.
+        ConfigError: if the folder's episodes are of other code, parameters or scenarios, one of them is damaged, a
+            worker died, or the GPU cannot be used.
     """
     _take_up(plan, run, overwrite)
     files, titles = row_files(run, plan.tasks), {name: load_scenario(name).name for name in plan.scenarios}
@@ -153,7 +159,7 @@ def run_episodes(
     done, total = len(found), len(files)
     progress(plan.scenarios[0], done, total)
     try:
-        for task in _finish(pending, plan.params, jobs, backend or Backend()):
+        for task in _finish(pending, plan.params, jobs, backend or Backend(), device):
             done += 1
             progress(task.scenario, done, total)
     except WorkersLost:
@@ -174,16 +180,47 @@ def run_tasks(tasks: Sequence[Task], params: Params) -> list[Result]:
     return [replace(result_of(each), file=file.get(policy_title(name), "")) for each in trajectories]
 
 
-def _finish(files: Mapping[Task, Path], params: Params, jobs: int, backend: Backend) -> Iterator[Task]:
+def _finish(files: Mapping[Task, Path], params: Params, jobs: int, backend: Backend, device: str) -> Iterator[Task]:
     """Run tasks, each kept in its file, and name them as they are finished."""
+    together = _laws(files, params) if device == "cuda" else {}
+    for (scenario, policy), tasks in together.items():
+        yield from _finish_on_device(scenario, _policy(policy, scenario, params), tasks, params, files)
+    beside = [task for task in files if (task.scenario, task.policy) not in together]
     calls = [
         (group, params, code_hash(), [files[task] for task in group] if backend.shares_files else None)
-        for group in grouped(files, jobs)
+        for group in grouped(beside, jobs)
     ]
     for group, found in backend.run(run_and_keep, calls, jobs):
         for task, result in zip(group, found, strict=False):
             write_row(files[task], result)
         yield from group
+
+
+def _laws(tasks: Iterable[Task], params: Params) -> dict[tuple[str, str], list[Task]]:
+    """Return the tasks that can run on a GPU, by scenario and policy."""
+    found: dict[tuple[str, str], list[Task]] = {}
+    for task in tasks:
+        policy = _policy(task.policy, task.scenario, params)
+        arrives = _environment(task.scenario, params).params.path.arrival is not None  # has measures of its own
+        if isinstance(policy, LawPolicy) and not isinstance(policy, OraclePolicy) and not arrives:
+            found.setdefault((task.scenario, task.policy), []).append(task)
+    return found
+
+
+def _finish_on_device(
+    scenario: str, policy: Policy, tasks: Sequence[Task], params: Params, files: Mapping[Task, Path]
+) -> Iterator[Task]:
+    """Run the episodes of a law on the GPU, as many beside each other as fit."""
+    from sffr_workbench.benchmark.device_episodes import most_episodes, run_on_device
+
+    given = file_hashes(given_files([tasks[0].policy]))
+    most = most_episodes(load_scenario(scenario).ticks(_environment(scenario, params).params))
+    for k in range(0, len(tasks), most):
+        part = tasks[k : k + most]
+        envs: Any = gym.make_vec("SFFRFlex-v0", len(part), backend="cuda", scenario=scenario, params=params)
+        for task, result in zip(part, run_on_device(envs, policy, [task.seed for task in part]), strict=True):
+            write_row(files[task], replace(result, file=given.get(policy_title(task.policy), "")))
+            yield task
 
 
 def grouped(tasks: Iterable[Task], jobs: int) -> list[list[Task]]:

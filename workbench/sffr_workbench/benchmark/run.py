@@ -16,6 +16,7 @@ from sffr_gym import ConfigError
 from sffr_gym.config.files import to_json
 from sffr_gym.config.provenance import MANIFEST, origin
 from sffr_gym.config.run_folder import RunFolder
+from sffr_gym.envs.backends import find_gpu
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.score import REFERENCE
 from sffr_workbench.benchmark.episodes import Plan, run_episodes
@@ -46,6 +47,7 @@ def run_benchmark(
     overwrite: bool = False,
     progress: Progress = ignore,
     backend: Backend | None = None,
+    device: str = "cpu",
 ) -> tuple[SuiteScores, list[Path]]:
     """Run what is missing of a benchmark and write its run folder, the files that show it together at the end.
 
@@ -59,6 +61,7 @@ def run_benchmark(
         overwrite: start again instead of going on.
         progress: see :func:`episodes.run_episodes`.
         backend: likewise.
+        device: likewise.
 
     Returns:
         The scores and the files that were written.
@@ -68,6 +71,8 @@ def run_benchmark(
     """
     if REFERENCE not in plan.policies:
         raise ConfigError(f"scores are relative to {REFERENCE!r}: add it to the policies")
+    if device == "cuda":
+        find_gpu()  # or refuse, before anything runs
     started, clock = datetime.now(UTC), time.perf_counter()
     with ExitStack() as claimed:
         run = claimed.enter_context(RunFolder.claim(folder, "benchmark", overwrite=overwrite, resume=True))
@@ -75,9 +80,11 @@ def run_benchmark(
         public = [claimed.enter_context(RunFolder.claim(docs, "pages", resume=True, shared=True))] if docs else []
         for each in public:
             each.check_names(page_names(draw))
-        results = run_episodes(plan, run, jobs, overwrite, progress, backend)
+        results = run_episodes(plan, run, jobs, overwrite, progress, backend, device)
         scores = score_suite([result for result in results if result.policy in plan.titles])
-        facts = manifest(plan, jobs, backend or Backend(), origin(command, started, time.perf_counter() - clock))
+        facts = manifest(
+            plan, jobs, backend or Backend(), device, origin(command, started, time.perf_counter() - clock)
+        )
         pages = make_pages(plan, results, scores, shlex.join(command), draw)
         own = {EPISODES_FILE: episodes_csv(results).encode(), MANIFEST: to_json(facts).encode()}
         written = run.replace(own | pages, remove=set(run.files) - {ROWS, PLAN_FILE})
@@ -86,11 +93,12 @@ def run_benchmark(
     return scores, written
 
 
-def manifest(plan: Plan, jobs: int, backend: Backend, facts: dict[str, Any]) -> dict[str, Any]:
+def manifest(plan: Plan, jobs: int, backend: Backend, device: str, facts: dict[str, Any]) -> dict[str, Any]:
     """Return what it takes to repeat a benchmark, facts on its origin first."""
     return facts | {
         "jobs": jobs,
         "backend": backend.name,
+        "device": device,
         "policies": list(plan.titles),
         "policy_names": list(plan.policies),
         "episodes": plan.episodes,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -75,6 +75,9 @@ def benchmark_command(
     ] = None,
     backend: BackendName = "loky",
     address: Address = None,
+    device: Annotated[
+        Literal["cpu", "cuda"], option("--device", "Where laws and learned schedules run: `cuda` is an NVIDIA GPU.")
+    ] = "cpu",
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/benchmark"),
     docs: Annotated[
         Path | None, option("--docs", "Write results.md, leaderboard.json and images/ there as well.", "DIR")
@@ -104,7 +107,7 @@ def benchmark_command(
     advice = f"what was finished is kept in {out}, and {again} goes on"
     with interruptible(notes, advice), ProgressBar(notes, *time_left()) as progress:
         scores, written = run_benchmark(
-            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress, runner
+            plan, out, jobs or available_cores(), typed_command(), docs, figures, overwrite, progress, runner, device
         )
     print_scores(results, scores)
     pages = (str(path) for path in written if path.name == RESULTS_FILE)

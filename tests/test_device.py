@@ -1,0 +1,344 @@
+"""Environments on a GPU: their code, compiled for the processor as well, gives the processor's bits; and PTX."""
+
+import re
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from sffr_baselines import make_policy
+from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
+from sffr_baselines.device_law import DeviceLaw
+from sffr_baselines.rollout import result_of, rollout
+from sffr_gym import ConfigError
+from sffr_gym.compile.arguments import Structures
+from sffr_gym.compile.cuda.described import (
+    FIRST,
+    LAST,
+    Fixed,
+    Memory,
+    Own,
+    Row,
+    Rows,
+    Thread,
+    numbers_of,
+    rows,
+)
+from sffr_gym.compile.cuda.program import Processor, build
+from sffr_gym.compile.kernels import kernel
+from sffr_gym.compile.library import load_library
+from sffr_gym.envs.device import DeviceVectorEnv
+from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.task.scenario import load_scenario, scenario_names
+from sffr_workbench.benchmark.device_episodes import run_on_device
+
+pytestmark = pytest.mark.skipif(load_library() is None, reason="compares compiled code")
+SAME_ROBOT = ["nominal", "excited", "offset", "noise", "impulse"]  # as the controllers believe: one program
+OTHERS = [name for name in scenario_names() if name not in SAME_ROBOT]
+CAPABILITY = "sm_90"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs(tmp_path_factory):
+    """A folder for what is compiled, of this run alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SFFR_CACHE", str(tmp_path_factory.mktemp("programs")))
+        yield
+
+
+def pair(kind, n, mode=AutoresetMode.NEXT_STEP, **arguments):
+    """The same environments on the processor, and as a GPU runs them."""
+    native = kind(n, autoreset_mode=mode, **arguments)
+    return native, DeviceVectorEnv(kind(1, **arguments), n, mode, Processor())
+
+
+def actions(space, steps, seed=0):
+    """Random actions, with a constant pull on the panels, so that some episodes fail and others last."""
+    rng = np.random.default_rng(seed)
+    inputs = 0.2 * rng.uniform(-1.0, 1.0, (steps, *space.shape))
+    if space.shape[1] > 4:
+        inputs[:, :, [1, 4]] += 2.0 * np.linspace(-1.0, 1.0, space.shape[0])[:, None]
+    return inputs
+
+
+def assert_same(native, device):
+    for left, right in zip(native[:-1], device[:-1], strict=True):
+        np.testing.assert_array_equal(left, right, strict=True)
+    for key, mask in native[-1].items():
+        if key.startswith("_") and key in device[-1] and key[1:] not in ("final_obs", "final_info"):
+            values, others = native[-1][key[1:]], device[-1][key[1:]]
+            np.testing.assert_array_equal(values[mask], others[mask], err_msg=key)
+
+
+def assert_same_episodes(kind, scenario, mode, steps, **arguments):
+    native, device = pair(kind, 3, mode, scenario=scenario, **arguments)
+    assert_same(native.reset(seed=7), device.reset(seed=7))
+    ends = 0
+    for action in actions(native.action_space, steps):
+        expected = native.step(action)
+        assert_same(expected, device.step(action))
+        ends += int((expected[2] | expected[3]).sum())
+    assert ends > 3, "more than each environment's first episode shall end"
+
+
+@pytest.mark.parametrize("scenario", SAME_ROBOT)
+def test_episodes_are_those_of_the_processor(scenario):
+    assert_same_episodes(SFFRFlexVectorEnv, scenario, AutoresetMode.NEXT_STEP, 500, max_episode_steps=200)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", OTHERS)
+def test_episodes_are_those_of_the_processor_for_other_robots(scenario):
+    assert_same_episodes(SFFRFlexVectorEnv, scenario, AutoresetMode.NEXT_STEP, 500, max_episode_steps=200)
+
+
+@pytest.mark.slow
+def test_plants_that_differ_are_those_of_the_processor():
+    assert_same_episodes(SFFRFlexVectorEnv, "mismatch", AutoresetMode.SAME_STEP, 300, max_episode_steps=100)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "override", ["panel.foreshortening=true", "simulation.integrator=rk4", "object=null", "panel.elements=4"]
+)
+def test_robots_of_other_kinds_are_those_of_the_processor(override):
+    more = ["panel.bending_cut=20"] if "foreshortening" in override else []
+    assert_same_episodes(
+        SFFRFlexVectorEnv, "nominal", AutoresetMode.NEXT_STEP, 120, max_episode_steps=50, overrides=[override, *more]
+    )
+
+
+@pytest.mark.slow
+def test_a_law_inside_is_that_of_the_processor():
+    assert_same_episodes(SFFRFlexDampingVectorEnv, "excited", AutoresetMode.NEXT_STEP, 13, duration=0.5)
+
+
+def test_same_step_returns_the_new_and_the_last_observation():
+    native, device = pair(SFFRFlexVectorEnv, 3, AutoresetMode.SAME_STEP, scenario="excited", max_episode_steps=3)
+    native.reset(seed=3)
+    device.reset(seed=3)
+    for action in actions(native.action_space, 5):
+        expected, found = native.step(action), device.step(action)
+        assert_same(expected, found)
+        for i in np.flatnonzero(found[-1]["_final_obs"]):
+            np.testing.assert_array_equal(found[-1]["final_obs"][i], expected[-1]["final_obs"][i])
+        assert found[-1]["_final_obs"].any() == ("final_obs" in expected[-1])
+
+
+def test_finished_environments_wait_for_their_reset_when_disabled():
+    native, device = pair(SFFRFlexVectorEnv, 2, AutoresetMode.DISABLED, max_episode_steps=2)
+    native.reset(seed=0)
+    device.reset(seed=0)
+    still = np.zeros(native.action_space.shape)
+    for _ in range(2):
+        assert_same(native.step(still), device.step(still))
+    with pytest.raises(gym.error.ResetNeeded, match="done"):
+        device.step(still)
+    mask = np.array([True, False])
+    assert_same(native.reset(options={"reset_mask": mask}), device.reset(options={"reset_mask": mask}))
+    with pytest.raises(gym.error.ResetNeeded, match="done"):
+        device.step(still)
+
+
+def test_arrays_are_taken_without_a_copy():
+    torch = pytest.importorskip("torch")
+    _, device = pair(SFFRFlexVectorEnv, 2)
+    obs, _ = device.reset(seed=0)
+    shared = torch.from_dlpack(obs)
+    before = shared.clone()
+    device.step(torch.ones(device.action_space.shape))
+    assert shared.shape == (2, 52)
+    assert not torch.equal(shared, before), "the tensor is the environments' own array"
+
+
+def test_wrong_calls_are_refused():
+    _, device = pair(SFFRFlexVectorEnv, 2)
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        device.step(np.zeros((2, 15)))
+    device.reset()
+    with pytest.raises(ValueError, match=r"actions must be real numbers of the shape \(2, 15\)"):
+        device.step(np.zeros((2, 14)))
+    with pytest.raises(ValueError, match="reset_mask"):
+        device.reset(options={"reset_mask": np.ones(3, dtype=bool)})
+    with pytest.raises(ValueError, match="draws plants"):
+        device.reset(options={"scenario": "payload"})
+    with pytest.raises(ValueError, match="num_envs"):
+        DeviceVectorEnv(SFFRFlexVectorEnv(1), 0, AutoresetMode.NEXT_STEP, Processor())
+
+
+@pytest.mark.parametrize("env_id", ["SFFRFlex-v0", "SFFRFlexDamping-v0"])
+def test_backends_by_name(env_id):
+    assert gym.make_vec(env_id, num_envs=2, backend="cpu").unwrapped.num_envs == 2
+    with pytest.raises(ValueError, match="backend = 'tpu': must be one of cpu, cuda"):
+        gym.make_vec(env_id, num_envs=2, backend="tpu")
+    with pytest.raises(ValueError, match="draws no pictures"):
+        gym.make_vec(env_id, num_envs=2, backend="cuda", render_mode="rgb_array")
+
+
+def has_gpu():
+    try:
+        import cupy
+
+        return cupy.cuda.runtime.getDeviceCount() > 0
+    except Exception:
+        return False
+
+
+@pytest.mark.skipif(has_gpu(), reason="has a GPU")
+def test_who_has_no_gpu_is_told_so():
+    with pytest.raises(ConfigError, match="backend 'cuda': no"):
+        gym.make_vec("SFFRFlex-v0", num_envs=2, backend="cuda")
+
+
+@pytest.mark.skipif(not has_gpu(), reason="needs a GPU")
+@pytest.mark.parametrize("scenario", SAME_ROBOT)
+def test_a_gpu_agrees_with_the_processor(scenario):
+    native = SFFRFlexVectorEnv(64, scenario=scenario)
+    device: Any = gym.make_vec("SFFRFlex-v0", num_envs=64, backend="cuda", scenario=scenario)
+    native.reset(seed=1)
+    device.reset(seed=1)
+    for action in actions(native.action_space, 500):
+        expected, found = native.step(0.5 * action), device.step(0.5 * action)
+        np.testing.assert_allclose(found[0].get(), expected[0], rtol=0, atol=1.0e-13)
+        np.testing.assert_array_equal(found[2].get(), expected[2])
+
+
+@pytest.mark.parametrize("policy", ["ahsc", "ppo"])
+def test_a_law_acts_as_on_the_processor(policy):
+    native, device = pair(SFFRFlexVectorEnv, 2, scenario="excited")
+    obs, _ = native.reset(seed=1)
+    device.reset(seed=1)
+    on_processor = make_policy(policy, native)
+    law = DeviceLaw(on_processor.law, device)
+    for _ in range(120):  # more than two decisions of a schedule
+        expected = on_processor(obs)
+        found = law()
+        np.testing.assert_array_equal(found, expected)
+        obs = native.step(expected)[0]
+        device.step(found)
+
+
+def test_measures_are_those_of_the_processor():
+    scenario, seeds = load_scenario("noise").with_changes(duration=1.0), [1_000_000, 1_000_001]
+    host = SFFRFlexVectorEnv(1, scenario=scenario)
+    envs = DeviceVectorEnv(host, len(seeds), AutoresetMode.DISABLED, Processor())
+    policy, single = make_policy("ahsc", host), SFFRFlexEnv(scenario=scenario)
+    for seed, found in zip(seeds, run_on_device(envs, policy, seeds), strict=True):
+        expected = result_of(rollout(single, policy, seed))
+        assert (found.scenario, found.policy, found.seed, found.failure) == ("noise", "ahsc", seed, expected.failure)
+        assert found.drawn == expected.drawn
+        assert found.measures == pytest.approx(expected.measures, rel=1.0e-12)
+
+
+@pytest.mark.slow
+def test_measures_of_episodes_that_fail_are_those_of_the_processor():
+    scenario = load_scenario("excited").with_changes(duration=1.0)
+    host = SFFRFlexVectorEnv(1, scenario=scenario, overrides=["limits.tip=0.02"])
+    envs = DeviceVectorEnv(host, 1, AutoresetMode.DISABLED, Processor())
+    policy, single = make_policy("hsc", host), SFFRFlexEnv(scenario=scenario, overrides=["limits.tip=0.02"])
+    (found,), expected = run_on_device(envs, policy, [1_000_000]), result_of(rollout(single, policy, 1_000_000))
+    assert found.failure == expected.failure != ""
+    assert found.measures == pytest.approx(expected.measures, rel=1.0e-12)
+
+
+class Inner(NamedTuple):
+    gain: float
+    matrix: Any
+    count: int
+
+
+class Scratch(NamedTuple):
+    sums: Any
+
+
+@kernel
+def combine(plants, table, all_rows, own_row, flags, out, work, first, last):
+    """Use every kind of argument; ``out`` (n, 2)."""
+    for i in range(first, last):
+        plant = plants[i if len(plants) > 1 else 0]
+        for k in range(2):
+            work.sums[k] = plant.gain * table[k] * plant.count
+            for j in range(2):
+                work.sums[k] += plant.matrix[k, j] * all_rows[i, j] + own_row[0, j]
+            out[i, k] = work.sums[k] if flags[i] else -1.0
+
+
+def combined(own):
+    """A thread of it for three environments, and what it must give."""
+    rng, n = np.random.default_rng(5), 3
+    plants = [Inner(float(rng.uniform()), rng.uniform(size=(2, 2)), 2) for _ in range(n)]
+    plants = plants if own else [plants[0]] * n
+    numbers = rows(np, n, (5,), "f")
+    numbers[...] = [numbers_of(plant) for plant in plants]
+    table, flags, out = rng.uniform(size=2), np.array([True, False, True]), rows(np, n, (2,), "f")
+    all_rows, own_row = rows(np, n, (2,), "f"), rows(np, n, (2,), "f")
+    all_rows[...], own_row[...] = rng.uniform(size=(2, n, 2))
+    seen = Own(plants[0], numbers) if own else Structures(plants[:1])
+    thread = Thread("combine", combine, (
+        seen, Fixed(table), Rows(all_rows), Row(own_row), Rows(flags), Rows(out), Memory(Scratch((2,))), FIRST, LAST,
+    ))  # fmt: skip
+    expected = [
+        plant.gain * table * plant.count + plant.matrix @ all_rows[i] + own_row[i].sum() if flags[i] else [-1.0] * 2
+        for i, plant in enumerate(plants)
+    ]
+    return thread, out, np.array(expected)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_every_kind_of_argument(own):
+    thread, out, expected = combined(own)
+    Processor().launches(3, [thread])["combine"]()
+    np.testing.assert_allclose(out, expected, rtol=1.0e-14)
+
+
+def test_plants_that_differ_in_numbers_share_a_program():
+    first, second = (combined(own=True)[0] for _ in range(2))
+    changed = second._replace(arguments=(second.arguments[0]._replace(exemplar=Inner(9.0, np.ones((2, 2)), 2)),
+                                         *second.arguments[1:]))  # fmt: skip
+    assert build([first], "host") == build([changed], "host")
+    more = second.arguments[0]._replace(exemplar=Inner(9.0, np.ones((2, 2)), 3))
+    assert build([first], "host") != build([second._replace(arguments=(more, *second.arguments[1:]))], "host")
+
+
+@pytest.mark.parametrize("kind", [SFFRFlexVectorEnv, pytest.param(SFFRFlexDampingVectorEnv, marks=pytest.mark.slow)])
+def test_everything_compiles_for_a_gpu(kind):
+    """PTX with nothing unresolved, whose threads keep little in memory: loops unroll and arrays come apart."""
+    pytest.importorskip("cuda.pathfinder")
+    ptx = build(threads_of(kind(1)), CAPABILITY).read_text()
+    assert sorted(re.findall(r"\.entry (\w+)", ptx)) == ["restart", "step"]
+    assert ".extern" not in ptx
+    assert f".target {CAPABILITY}" in ptx
+    assert max(map(int, re.findall(r"__local_depot\d+\[(\d+)\]", ptx))) < 4096  # bytes of each thread
+
+
+def test_a_learned_schedule_compiles_for_a_gpu():
+    """Its network calls what the laws do not: all of it is found in libdevice."""
+    pytest.importorskip("cuda.pathfinder")
+    found = []
+
+    class Listener(Processor):
+        def launches(self, n, threads):
+            found.extend(threads)
+            return dict.fromkeys(thread.name for thread in threads)
+
+    envs = DeviceVectorEnv(SFFRFlexVectorEnv(1), 2, AutoresetMode.NEXT_STEP, Listener())
+    DeviceLaw(make_policy("ppo", envs.host).law, envs)
+    ptx = build(found[-1:], CAPABILITY).read_text()
+    assert re.findall(r"\.entry (\w+)", ptx) == ["act"]
+    assert ".extern" not in ptx
+
+
+def threads_of(host):
+    """What environments have compiled."""
+    found = []
+
+    class Listener(Processor):
+        def launches(self, n, threads):
+            found.extend(threads)
+            return {}
+
+    DeviceVectorEnv(host, 2, AutoresetMode.NEXT_STEP, Listener())
+    return found
