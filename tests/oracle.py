@@ -65,9 +65,10 @@ class Oracle:
         self._panel_terms: list[Term] = []
         clamped = list(range(self.N, self.N + N_NODE))
         for mount in mounts:
-            length, mass = float(panel["length"]), float(panel["mass"])
+            own = {key: panel[key] if mount.get(key) is None else mount[key] for key in ("length", "mass", "EI")}
+            length, mass = float(own["length"]), float(own["mass"])
             size = length / self.elements
-            stiffness = (float(panel["E"]) * float(panel["area"]), panel["EI"])
+            stiffness = (float(panel["E"]) * float(panel["area"]), own["EI"])
             near = clamped
             for element in range(self.elements):
                 far = list(range(first, first + N_NODE))

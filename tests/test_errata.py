@@ -13,7 +13,8 @@ from sympy.physics.mechanics import dynamicsymbols
 from sffr_gym import load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.beam import beam
-from sffr_gym.physics.model import pack, panel_beam
+from sffr_gym.physics.each_panel import panel_beams
+from sffr_gym.physics.model import pack
 
 PANEL = load_params().panel
 B0 = np.array(load_params().suppression.B0)
@@ -104,7 +105,7 @@ class TestRigidPart:
 def test_base_feels_the_opposite_of_eq_4(seed):
     """With (Q_e)_r of Eq. 2's first row, H qdd + C = Q - sum J_f' (Q_e)_r; with the printed plus it fails."""
     oracle, params = Oracle(make_config()), load_params()
-    model, shape, n = pack(params), panel_beam(params), oracle.n_rigid
+    model, shape, n = pack(params), panel_beams(params)[0], oracle.n_rigid
     z, zd, Q = random_state(oracle, seed)
     zdd = oracle.acceleration(z, zd, Q, damping=False)
     reaction = np.zeros(n)

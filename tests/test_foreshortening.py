@@ -77,7 +77,7 @@ def test_energy_of_linear_panels_is_that_of_the_mass_matrix():
         state = simulator.step(state, piezo_tau=[[20.0, 3.0, 1.0], [-30.0, -2.0, 2.0]], dt=0.1)
     rates = np.concatenate([state.qd, state.qfd.ravel()])
     energy = 0.5 * rates @ simulator.mass_matrix(state) @ rates
-    energy += 0.5 * np.einsum("pf,fg,pg->", state.qf, simulator._beam.K, state.qf)
+    energy += 0.5 * np.einsum("pf,fg,pg->", state.qf, simulator._beams[0].K, state.qf)
     energy += 0.5 * np.array([3.0, 3.0, 0.5]) @ state.objd**2
     assert simulator.energy(state) == pytest.approx(energy, rel=1e-12)
 

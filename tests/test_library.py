@@ -28,8 +28,8 @@ V4 = V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
 @pytest.fixture
 def fresh(monkeypatch):
     """Let the library be looked for anew, in the test and after it."""
-    monkeypatch.delenv(library.INTERPRETED, raising=False)
-    monkeypatch.delenv(library.LEVEL, raising=False)
+    for name in (library.INTERPRETED, library.LEVEL):
+        monkeypatch.delenv(name, raising=False)
     load_library.cache_clear()
     yield monkeypatch
     load_library.cache_clear()
@@ -37,7 +37,6 @@ def fresh(monkeypatch):
 
 @pytest.fixture
 def folder(fresh, tmp_path):
-    """A folder for the library, empty."""
     fresh.setattr(library, "FOLDER", tmp_path / "binaries")
     return tmp_path / "binaries"
 
@@ -343,7 +342,6 @@ def test_no_compiler_is_imported(code, tmp_path, user_scenario):
 
 
 def test_the_library_depends_on_all_that_goes_into_it():
-    """Kernels, constants that their modules import, and named tuples, whose fields are placed by their order."""
     modules = set(library.current_manifest(library.FOLDER)["modules"])
     kernels = {function.__module__ for function in KERNELS if function.__module__.startswith(("sffr_gym", "sffr_b"))}
     assert kernels <= modules

@@ -29,7 +29,7 @@ def test_partial_file_is_laid_over_the_shipped_one(params, tmp_path):
     )
     expected = LEAVES | {"panel.EI": 3e-4, "actuators.piezo.voltage": 100.0}
     expected = {key: leaf for key, leaf in expected.items() if not key.startswith("panel.mounts")}
-    mount = {"name": "only", "root.0": 0.0, "root.1": 0.0, "angle": 0.0}
+    mount = {"name": "only", "root.0": 0.0, "root.1": 0.0, "angle": 0.0, "mass": None, "length": None, "EI": None}
     expected |= {f"panel.mounts.0.{key}": leaf for key, leaf in mount.items()}
     assert flatten(load_params(path).to_dict()) == expected
     assert load_params(str(path)).n_panels == 1

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from sffr_gym.config.params import Params
+from sffr_gym.physics.each_panel import panel_beams
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.kinematics import rotation
-from sffr_gym.physics.model import pack, panel_beam
+from sffr_gym.physics.model import pack
 from sffr_gym.task.quasi_static import quasi_static_amplitudes, quasi_static_at
 from sffr_gym.task.reference import desired, path_reference
 
@@ -30,7 +31,7 @@ def root(reference, offset, t):
 def test_elastic_forces_balance_the_inertia_of_a_panel_that_rides_along(moving):
     """``K q_f = -S_y a`` with the acceleration ``a`` of the root across the panel, by differences of its motion."""
     robot, model, reference = moving
-    beam, t, h = panel_beam(robot), 3.0, 1e-3
+    beam, t, h = panel_beams(robot)[0], 3.0, 1e-3
     q_f = np.einsum("pfm,pm->pf", model.shapes, quasi_static_at(model, reference, np.array([t]))[0])
     for i, mount in enumerate(robot.panel.mounts):
         after, now, before = (root(reference, np.array(mount.root), time) for time in (t + h, t, t - h))

@@ -232,9 +232,9 @@ def test_hsc_is_the_gain_of_pure_damping():
     """With a gain of B0 on the rates and no quasi-static shape, the regulator's volts are HSC's."""
     env = SFFRFlexEnv()
     hsc, lqr = make_policy("hsc", env), make_policy("lqr", env)
-    gain = np.zeros((3, 4))
-    gain[1:, 2:] = np.diag([1.5, 5.0]) * 200.0 / 47.5
-    lqr.law = lqr.law._replace(regulator=lqr.law.regulator._replace(gain=gain, shape=np.zeros(3)))
+    gain = np.zeros((2, 3, 4))
+    gain[:, 1:, 2:] = np.diag([1.5, 5.0]) * 200.0 / 47.5
+    lqr.law = lqr.law._replace(regulator=lqr.law.regulator._replace(gain=gain, shape=np.zeros((2, 3))))
     for seed in range(3):
         obs = observation(env, seed)
         np.testing.assert_allclose(lqr(obs), hsc(obs), rtol=1e-12, atol=1e-15)

@@ -12,8 +12,9 @@ from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.physics.dynamics import accelerations, flexible_wrench, work_shapes
+from sffr_gym.physics.each_panel import panel_beams, panel_modes
 from sffr_gym.physics.initial import initial_positions
-from sffr_gym.physics.model import pack, panel_beam, panel_modes
+from sffr_gym.physics.model import pack
 from sffr_gym.physics.staggered import base_answer, growth_rate, longest_stable_step
 from sffr_workbench.evaluation import evaluate
 
@@ -97,10 +98,10 @@ def test_longest_step_follows_the_damping() -> None:
     longest = []
     for eta in (1.0e-5, 2.0e-5, 4.0e-5):
         params = load_params().with_overrides(f"panel.strain_rate_damping={eta}", "simulation.max_step=1.0e-3")
-        shape = panel_beam(params)
+        beams = panel_beams(params)
         modes = panel_modes(params)
-        longest.append(longest_stable_step(params, shape, modes))
-        omega2, C = np.tile(modes.omega**2, 2), base_answer(params, shape, modes)
+        longest.append(longest_stable_step(params, beams, modes))
+        omega2, C = np.concatenate([each.omega**2 for each in modes]), base_answer(params, beams, modes)
         a = np.linalg.eigvalsh(C[[0, 3]][:, [0, 3]]).max()
         assert 0.8 < longest[-1] / (2.0 * eta * (1.0 + a) / a) < 1.2
         assert growth_rate(omega2, eta, C, longest[-1]) < 0.01 < growth_rate(omega2, eta, C, 1.25 * longest[-1])

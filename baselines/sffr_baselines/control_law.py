@@ -168,7 +168,7 @@ def _act_on_deviations(law, state, work, volts):
         own = volts[i * n_c : (i + 1) * n_c]
         deviate(law.regulator, law.at, work.seen, i, x)
         if law.regulator.active:
-            regulate(law.regulator, x, own)
+            regulate(law.regulator, i, x, own)
         if law.filters.active:
             feed_back(law.filters, i, x, state.filters[i], own)
         if hold > 0:

@@ -9,13 +9,15 @@ stiff that a tenth of a millimetre of it, measured wrong, would be thousands of 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import N_TIP, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.physics.model import Model
 from sffr_gym.types import Array
 
@@ -33,17 +35,17 @@ class PanelReaction(NamedTuple):
     active: bool  #: whether the law adds it; the paper's do not
     root: Array  #: (n_p, 2) place of the clamped end, base frame [m]
     axis: Array  #: (n_p, 2) direction of the undeformed panel, base frame
-    mass: float  #: of a panel [kg], and its moments about the root [kg m, kg m2]
-    first_moment: float
-    second_moment: float
-    M: Array  #: (2, 2) mass matrix of the bending coordinates
-    S_y: Array  #: (2,) coupling with the translation across the panel [kg, kg m]
-    c_y: Array  #: (2,) coupling with the rotation [kg m, kg m2]
+    mass: Array  #: (n_p,) of a panel [kg], and its moments about the root [kg m, kg m2]
+    first_moment: Array
+    second_moment: Array
+    M: Array  #: (n_p, 2, 2) mass matrix of the bending coordinates
+    S_y: Array  #: (n_p, 2) coupling with the translation across the panel [kg, kg m]
+    c_y: Array  #: (n_p, 2) coupling with the rotation [kg m, kg m2]
     drive: Array  #: (n_p, 2, n_c) ``M^-1 K_PZ``, accelerations for a volt on each channel
-    stiffness: Array  #: (2, 2) ``M^-1 K``
-    damping: Array  #: (2, 2) ``M^-1 D``
-    across: Array  #: (2,) ``M^-1 S_y``
-    turn: Array  #: (2,) ``M^-1 c_y``
+    stiffness: Array  #: (n_p, 2, 2) ``M^-1 K``
+    damping: Array  #: (n_p, 2, 2) ``M^-1 D``
+    across: Array  #: (n_p, 2) ``M^-1 S_y``
+    turn: Array  #: (n_p, 2) ``M^-1 c_y``
 
 
 def make_panel_reaction(prior: Params, model: Model, K_PZ: Array) -> PanelReaction:
@@ -54,25 +56,36 @@ def make_panel_reaction(prior: Params, model: Model, K_PZ: Array) -> PanelReacti
         model: the same as arrays.
         K_PZ: (n_p, 3, n_c) tip forces for a volt on each channel.
     """
-    panel = one_element_beam(prior.panel)
-    M, K = panel.M_ff[BENDING, BENDING], panel.K[BENDING, BENDING]
-    inverse = np.asarray(np.linalg.inv(M), dtype=np.float64)
-    stiffness = inverse @ K
+    n_p, eta = prior.n_panels, prior.panel.strain_rate_damping
+
+    def of_panel(panel: Panel) -> tuple[Any, ...]:
+        """Return the constants of a panel, from ``mass`` on and without ``drive``, and its inverse mass matrix."""
+        beam = one_element_beam(panel)
+        M, K, S_y, c_y = beam.M_ff[BENDING, BENDING], beam.K[BENDING, BENDING], beam.S_y[BENDING], beam.c_y[BENDING]
+        inverse = np.asarray(np.linalg.inv(M), dtype=np.float64)
+        stiffness = inverse @ K
+        moments = beam.mass, beam.first_moment, beam.second_moment
+        return *moments, M, S_y, c_y, stiffness, eta * stiffness, inverse @ S_y, inverse @ c_y, inverse
+
+    columns = zip(*of_each_panel(prior, of_panel), strict=True)
+    mass, first, second, M, S_y, c_y, stiffness, damping, across, turn, inverse = (
+        np.array(each)[:n_p] for each in columns
+    )
     return PanelReaction(
         active=prior.control.feedforward,
         root=model.panel_root,
         axis=model.panel_axis,
-        mass=panel.mass,
-        first_moment=panel.first_moment,
-        second_moment=panel.second_moment,
-        M=M.copy(),
-        S_y=panel.S_y[BENDING].copy(),
-        c_y=panel.c_y[BENDING].copy(),
+        mass=mass,
+        first_moment=first,
+        second_moment=second,
+        M=M,
+        S_y=S_y,
+        c_y=c_y,
         drive=inverse @ K_PZ[:, BENDING],
         stiffness=stiffness,
-        damping=prior.panel.strain_rate_damping * stiffness,
-        across=inverse @ panel.S_y[BENDING],
-        turn=inverse @ panel.c_y[BENDING],
+        damping=damping,
+        across=across,
+        turn=turn,
     )
 
 
@@ -94,22 +107,22 @@ def add_panel_reaction(panels, limit, at, obs, volts, base, wrench):
         q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
         first_y = first_yd = S_bdd = c_bdd = bMb = bMbd = 0.0
         for k in range(N_BENDING):
-            b, bdd = obs[q + k], w2 * obs[q + k] - panels.across[k] * across - panels.turn[k] * alpha
+            b, bdd = obs[q + k], w2 * obs[q + k] - panels.across[i, k] * across - panels.turn[i, k] * alpha
             for j in range(N_BENDING):
-                bdd -= panels.stiffness[k, j] * obs[q + j] + panels.damping[k, j] * obs[qd + j]
-                bMb += b * panels.M[k, j] * obs[q + j]
-                bMbd += b * panels.M[k, j] * obs[qd + j]
+                bdd -= panels.stiffness[i, k, j] * obs[q + j] + panels.damping[i, k, j] * obs[qd + j]
+                bMb += b * panels.M[i, k, j] * obs[q + j]
+                bMbd += b * panels.M[i, k, j] * obs[qd + j]
             n_c = panels.drive.shape[2]
             for channel in range(n_c):
                 at_limit = limit[i * n_c + channel]
                 bdd += panels.drive[i, k, channel] * min(max(volts[i * n_c + channel], -at_limit), at_limit)
-            first_y += panels.S_y[k] * b
-            first_yd += panels.S_y[k] * obs[qd + k]
-            S_bdd += panels.S_y[k] * bdd
-            c_bdd += panels.c_y[k] * bdd
-        fx = panels.mass * along - alpha * first_y - w2 * panels.first_moment - 2.0 * w * first_yd
-        fy = panels.mass * across + alpha * panels.first_moment + S_bdd - w2 * first_y
-        moment = panels.first_moment * across - first_y * along + alpha * (panels.second_moment + bMb)
+            first_y += panels.S_y[i, k] * b
+            first_yd += panels.S_y[i, k] * obs[qd + k]
+            S_bdd += panels.S_y[i, k] * bdd
+            c_bdd += panels.c_y[i, k] * bdd
+        fx = panels.mass[i] * along - alpha * first_y - w2 * panels.first_moment[i] - 2.0 * w * first_yd
+        fy = panels.mass[i] * across + alpha * panels.first_moment[i] + S_bdd - w2 * first_y
+        moment = panels.first_moment[i] * across - first_y * along + alpha * (panels.second_moment[i] + bMb)
         moment += c_bdd + 2.0 * w * bMbd
         fx, fy = c * fx - s * fy, s * fx + c * fy
         wrench[0] += fx

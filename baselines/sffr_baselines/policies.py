@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,13 +13,15 @@ from sffr_baselines.adapted import BoxPolicy, policy_inside
 from sffr_baselines.damping_env import DampingEnvironment
 from sffr_baselines.laws import ORACLES, LawPolicy, OraclePolicy, make_law
 from sffr_baselines.learned import SUFFIX, learned_file, load_schedule, shipped_policies
+from sffr_baselines.loop_stability import warn_if_unstable
 from sffr_baselines.own_files import make_own, own_file, own_name, own_title
-from sffr_baselines.stability import MARGIN, sampled_growth
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.model import pack
+from sffr_gym.task.episode import nominal
+from sffr_gym.task.plants import extreme_plants
 from sffr_gym.types import Array
 
 POLICIES = {  # every name, with what it is
@@ -99,7 +100,7 @@ def make_policy(name: str | os.PathLike[str], env: Any, dtype: str = "float64") 
         ValueError: for another ``dtype``.
 
     Warns:
-        UserWarning: if the law's virtual damping is unstable at the control period; see :mod:`stability`.
+        UserWarning: if the law is unstable on the environment's plant; see :mod:`loop_stability`.
     """
     policy = _policy(os.fspath(name), env if isinstance(env, Params) else env.unwrapped)
     if dtype not in ("float32", "float64"):
@@ -116,14 +117,16 @@ def _policy(name: str, env: Any) -> Policy:
     if own is not None:
         return make_own(name, prior)
     if learned_file(name) is not None:
-        return load_schedule(name).policy(prior, policy_title(name))
+        learned = load_schedule(name).policy(prior, policy_title(name))
+        warn_of_instability(learned, env)
+        return learned
     if name not in POLICIES:
         known = f"{', '.join(POLICIES)}, an {SUFFIX} file, or a law of your own as mine.py:MyLaw"
         raise ConfigError(f"unknown policy {name!r}{did_you_mean(name, POLICIES)} (known: {known})")
     if name == "random":
         return RandomPolicy(len(env.action_names) if inside else len(pack_actuators(prior, pack(prior)).limit))
     policy = OraclePolicy(name, prior) if name in ORACLES.values() else LawPolicy(name, make_law(name, prior))
-    _warn_if_unstable(policy)
+    warn_of_instability(policy, env)
     return policy
 
 
@@ -156,16 +159,27 @@ def check_titles(names: Sequence[str]) -> None:
             raise ConfigError(f"two policies would be called {title!r}: rename one file or its folder")
 
 
-def _warn_if_unstable(policy: LawPolicy) -> None:
-    """Say so if the virtual damping, held over each control period, is unstable on the panels of the prior."""
-    prior, law = policy.law.prior, policy.law.suppression
-    if not (law.damped.any() and len(policy.law.allocation)):
+def warn_of_instability(policy: Policy, env: Any) -> None:
+    """Warn of a law that is unstable on a plant of an environment's scenario: before anything is drawn, or at its ends.
+
+    Args:
+        policy: of any kind; only laws can be judged.
+        env: environment, single or vector, or ``Params`` for the robot that the law believes in.
+    """
+    if not isinstance(policy, LawPolicy) or isinstance(policy, OraclePolicy):  # that is told the plant
         return
-    growth = float(sampled_growth(prior, law.B0, law.damped, law.period))
-    if growth > 1.0 + MARGIN:
-        warnings.warn(
-            f"{policy.name} is unstable: held for {law.period:g} s, the virtual damping suppression.B0 = "
-            f"{law.B0.tolist()} lets a clamped panel's vibration grow {growth:.3g} times each period; shorten "
-            "control.period, lower suppression.B0, or leave out fast modes with panel.bending_cut and panel.axial_cut",
-            stacklevel=4,
-        )
+    for where, plant in _plants(env):
+        if warn_if_unstable(policy.name, policy.law, plant, where):
+            return
+
+
+def _plants(env: Any) -> Iterator[tuple[str, Params]]:
+    """Yield plants on which a law can be judged, each with what to call it."""
+    if isinstance(env, Params):
+        yield "its own robot", env
+        return
+    scenario, known = env.unwrapped.scenario, nominal(env.unwrapped.params, env.unwrapped.scenario)
+    yield f"the plant of scenario '{scenario.name}'", known.plant
+    if scenario.draws_model:
+        for plant in extreme_plants(scenario, known.plant):
+            yield f"a plant that scenario '{scenario.name}' draws", plant

@@ -22,8 +22,10 @@ from sffr_baselines.panel_reaction import BENDING, N_BENDING
 from sffr_baselines.settings import FilterSettings
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.actuators import LEAST_REACH
 from sffr_gym.physics.beam import clamped_modes, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.types import Array
 
 
@@ -53,8 +55,14 @@ def make_position_feedback(prior: Params, K_PZ: Array, settings: FilterSettings 
     if settings is None or n_p == 0:
         zeros = (np.zeros((n_p, *shape)) for shape in ((2, 2), (2, 2, 2), (2, 2), (n_c, 2)))
         return PositionFeedback(False, *zeros)
-    panel = one_element_beam(prior.panel)
-    modes = clamped_modes(panel, 0.0, np.inf)
+    forces = {panel.numbers: force for panel, force in zip(prior.panel.each, K_PZ, strict=True)}
+    own = of_each_panel(prior, lambda panel: _filters(prior, panel, forces[panel.numbers], settings))
+    return PositionFeedback(True, *(np.array(arrays) for arrays in zip(*own, strict=True)))
+
+
+def _filters(prior: Params, panel: Panel, K_PZ: Array, settings: FilterSettings) -> tuple[Array, Array, Array, Array]:
+    """Return modes, step, push and volts of one panel; K_PZ: (3, n_c)."""
+    modes = clamped_modes(one_element_beam(panel), 0.0, np.inf)
     shapes = modes.shapes[BENDING, :]
     steps, pushes = zip(
         *(
@@ -64,14 +72,13 @@ def make_position_feedback(prior: Params, K_PZ: Array, settings: FilterSettings 
         strict=True,
     )
     # Least volts that give a modal force: forces at the tip are reached by the channels as far as they reach.
-    force = np.linalg.pinv(shapes.T @ K_PZ[0, BENDING], rcond=LEAST_REACH)
+    force = np.linalg.pinv(shapes.T @ K_PZ[BENDING], rcond=LEAST_REACH)
     collocated = prior.actuators.piezo.array == "generalized"
     volts = force * (np.array([settings.gain[0], settings.gain[1] * collocated]) * modes.omega**2)
     swing = abs(settings.swing / shapes[0, 0])  # amplitude of the first mode; its filter swings by 1 / (2 zeta) of it
     largest = np.abs(volts[:, 0]).max() * swing / (2.0 * settings.damping[0])
     volts *= min(1.0, prior.actuators.piezo.voltage / max(largest, 1.0e-300))
-    tile = (np.asarray(np.linalg.inv(shapes)), np.array(steps), np.array(pushes), volts)
-    return PositionFeedback(True, *(np.tile(array, (n_p, *[1] * array.ndim)) for array in tile))
+    return np.asarray(np.linalg.inv(shapes)), np.array(steps), np.array(pushes), volts
 
 
 def sampled_filter(omega: float, zeta: float, period: float) -> tuple[Array, Array]:

@@ -24,12 +24,14 @@ import numpy as np
 from scipy.linalg import block_diag, eigvalsh, solve_discrete_are
 
 from sffr_baselines.panel_reaction import BENDING, N_BENDING
-from sffr_baselines.regulator import sampled_bending, worth_of_effort
+from sffr_baselines.regulator import sampled_bending, with_panel, worth_of_effort
 from sffr_baselines.settings import RegulatorWeights
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import any_lane, where
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import clamped_modes, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.types import Array
 
 HOLDS_A_CYCLE = 480  # solutions during a swing of the first mode
@@ -91,28 +93,37 @@ def make_predictive(prior: Params, K_PZ: Array, weights: RegulatorWeights) -> Pr
     if not share.any():
         return no_prediction(n_p, n_c)
     hold = cycle_hold(prior)
-    effort = weights.effort * worth_of_effort(prior, K_PZ[0], weights.swing)
-    hessian, regulator = problem(prior, K_PZ[0] @ share, effort * share.T @ share, hold)
-    scale = 1.0 / np.sqrt(np.diag(hessian))
-    scaled = scale[:, None] * hessian * scale
-    values = eigvalsh(scaled)
-    root = sqrt(values[0] / values[-1])
+    forces = {panel.numbers: force for panel, force in zip(prior.panel.each, K_PZ, strict=True)}
+
+    def own(panel: Panel) -> tuple[Array, Array, Array, float]:
+        """Return scale, regulator, scaled Hessian and the root of its conditioning of one panel."""
+        robot, force = with_panel(prior, panel), forces[panel.numbers]
+        effort = weights.effort * worth_of_effort(robot, force, weights.swing)
+        hessian, regulator = problem(robot, force @ share, effort * share.T @ share, hold)
+        scale = 1.0 / np.sqrt(np.diag(hessian))
+        scaled = scale[:, None] * hessian * scale
+        values = eigvalsh(scaled)
+        return scale, regulator, scaled / values[-1], sqrt(values[0] / values[-1])
+
+    scales, regulators, hessians, roots = zip(*of_each_panel(prior, own), strict=True)
+    root = min(roots)  # the rate of the panel whose problem is the worst conditioned holds for all
     return Predictive(
         hold=hold,
         steps=min(ceil(-log(ACCURACY) / root), MOST_STEPS),
         momentum=(1.0 - root) / (1.0 + root),
         share=np.tile(share, (n_p, 1, 1)),
-        scale=np.tile(scale, (n_p, 1)),
-        regulator=np.tile(regulator, (n_p, 1, 1)),
-        hessian=np.tile(scaled / values[-1], (n_p, 1, 1)),
+        scale=np.array(scales),
+        regulator=np.array(regulators),
+        hessian=np.array(hessians),
         limit=prior.actuators.piezo.voltage,
     )
 
 
 def cycle_hold(prior: Params) -> int:
     """Return how many control periods a solution is held for: a part of a swing of the first mode, one at least."""
-    modes = clamped_modes(one_element_beam(prior.panel), 0.0, np.inf)
-    return max(1, round(2.0 * pi / float(modes.omega[0]) / HOLDS_A_CYCLE / prior.control.period))
+    modes = of_each_panel(prior, lambda panel: clamped_modes(one_element_beam(panel), 0.0, np.inf))
+    fastest = max(float(each.omega[0]) for each in modes)
+    return max(1, round(2.0 * pi / fastest / HOLDS_A_CYCLE / prior.control.period))
 
 
 def alike(K_PZ: Array) -> Array:

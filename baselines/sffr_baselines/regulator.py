@@ -16,8 +16,10 @@ from sffr_baselines.settings import RegulatorWeights
 from sffr_baselines.suppression import COORDINATES, damped_coordinates
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import PANEL_KEYS, Panel
 from sffr_gym.physics.actuators import LEAST_REACH
-from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
+from sffr_gym.physics.beam import N_TIP, Beam, clamped_modes, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import Model
 from sffr_gym.task.observation import reference_turning
@@ -29,14 +31,14 @@ HALVINGS = 60  # of a virtual damping that is unstable
 
 
 class Regulator(NamedTuple):
-    """State feedback of each panel's tip about its quasi-static motion; one law for all panels."""
+    """State feedback of each panel's tip about its quasi-static motion."""
 
     active: bool  #: whether the law has one; the paper's laws have none
-    gain: Array  #: (n_c, 4) volts of a panel's channels for a unit deviation of q5, q6 and of their rates
-    shape: Array  #: (3,) tip of a panel at rest whose root accelerates across it by 1 m/s2
+    gain: Array  #: (n_p, n_c, 4) volts of a panel's channels for a unit deviation of q5, q6 and of their rates
+    shape: Array  #: (n_p, 3) tip of a panel at rest whose root accelerates across it by 1 m/s2
     across: Array  #: (n_p, 2) direction across each undeformed panel, reference axes
     lever: Array  #: (n_p,) component of each panel's root along it, from the reference's centre [m]
-    turned: Array  #: (3,) tip of a panel at rest that is turned about its root by 1 rad/s2
+    turned: Array  #: (n_p, 3) tip of a panel at rest that is turned about its root by 1 rad/s2
     reach: Array  #: (n_p,) component of each panel's root along the panel, from the reference's centre [m]
 
 
@@ -55,19 +57,35 @@ def make_regulator(
     turn = rotation(reference.yaw)
     across = np.column_stack([-model.panel_axis[:, 1], model.panel_axis[:, 0]]) @ turn.T
     root = np.array([reference.base_x, reference.base_y]) + model.panel_root @ turn.T
-    gain = np.zeros((K_PZ.shape[2], 2 * N_BENDING))
-    if weights is not None and len(K_PZ):
-        gain = optimal_gain(prior, K_PZ[0], weights.effort * worth_of_effort(prior, K_PZ[0], weights.swing))
-    panel = one_element_beam(prior.panel)
+    n_p, _, n_c = K_PZ.shape
+    gain = np.zeros((n_p, n_c, 2 * N_BENDING))
+    if weights is not None and n_p:
+        reached = {panel.numbers: force for panel, force in zip(prior.panel.each, K_PZ, strict=True)}
+
+        def design(panel: Panel) -> Array:
+            """Return the gain of a panel, as if all were like it."""
+            own, force = with_panel(prior, panel), reached[panel.numbers]
+            return optimal_gain(own, force, weights.effort * worth_of_effort(own, force, weights.swing))
+
+        gain = np.array(of_each_panel(prior, design))
+    beams = of_each_panel(prior, one_element_beam)
     return Regulator(
         active=weights is not None,
         gain=gain,
-        shape=np.asarray(-np.linalg.solve(panel.K, panel.S_y), dtype=np.float64),
+        shape=np.array([_deflected(beam, beam.S_y) for beam in beams])[:n_p],
         across=across,
         lever=np.asarray((across * root).sum(axis=1)),
-        turned=np.asarray(-np.linalg.solve(panel.K, panel.c_y), dtype=np.float64),
+        turned=np.array([_deflected(beam, beam.c_y) for beam in beams])[:n_p],
         reach=np.asarray((model.panel_axis @ turn.T * root).sum(axis=1)),
     )
+
+
+def with_panel(prior: Params, panel: Panel) -> Params:
+    """Return the parameters of a robot all of whose panels are like one."""
+    if any(mount.own for mount in panel.mounts):
+        mounts = tuple(mount.model_copy(update=dict.fromkeys(PANEL_KEYS)) for mount in panel.mounts)
+        panel = panel.model_copy(update={"mounts": mounts})
+    return prior.model_copy(update={"panel": panel})
 
 
 def optimal_gain(prior: Params, K_PZ: Array, effort_weight: float) -> Array:
@@ -78,7 +96,7 @@ def optimal_gain(prior: Params, K_PZ: Array, effort_weight: float) -> Array:
     xd / 2``. What the channels do along the panel is left out.
 
     Args:
-        prior: panel and control period as the controller believes them.
+        prior: panel and control period as the controller believes them, all panels alike.
         K_PZ: (3, n_c) tip forces for a volt on each channel.
         effort_weight: price of a squared volt over a second, as energy over a second [J/V2].
 
@@ -165,16 +183,16 @@ def deviate(law, at, obs, i, x):
     spin, spin_rate = reference_turning(at, obs)
     q, qd = at.elastic + N_TIP * i + 1, at.elastic_rate + N_TIP * i + 1
     for j in range(N_BENDING):
-        x[j] = obs[q + j] - law.shape[1 + j] * push - law.turned[1 + j] * spin
-        x[N_BENDING + j] = obs[qd + j] - law.shape[1 + j] * push_rate - law.turned[1 + j] * spin_rate
+        x[j] = obs[q + j] - law.shape[i, 1 + j] * push - law.turned[i, 1 + j] * spin
+        x[N_BENDING + j] = obs[qd + j] - law.shape[i, 1 + j] * push_rate - law.turned[i, 1 + j] * spin_rate
 
 
 @kernel
-def regulate(law, x, volts):
-    """Add the regulator's voltages (n_c,) of a panel for its deviation ``x`` (4,); law: a :class:`Regulator`."""
+def regulate(law, i, x, volts):
+    """Add the regulator's voltages (n_c,) of panel ``i`` for its deviation ``x`` (4,); law: a :class:`Regulator`."""
     for j in range(N_BENDING):
         for c in range(len(volts)):
-            volts[c] -= law.gain[c, j] * x[j] + law.gain[c, N_BENDING + j] * x[N_BENDING + j]
+            volts[c] -= law.gain[i, c, j] * x[j] + law.gain[i, c, N_BENDING + j] * x[N_BENDING + j]
 
 
 @kernel
@@ -195,3 +213,8 @@ def root_acceleration(law, at, obs, i):
         return push, nx * jx + ny * jy - 2.0 * turn * alpha * law.lever[i] + alpha_rate * law.reach[i]
     spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
     return nx * xdd + ny * ydd - turn * turn * law.lever[i], spin * (ny * xdd - nx * ydd)
+
+
+def _deflected(panel: Beam, inertia: Array) -> Array:
+    """Tip (3,) under the inertia (3,) of a unit acceleration of the root: ``-K^-1 m_fr``."""
+    return np.asarray(-np.linalg.solve(panel.K, inertia), dtype=np.float64)

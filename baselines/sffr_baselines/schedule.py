@@ -17,7 +17,9 @@ from sffr_baselines.regulator import root_acceleration
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import length
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.task.observation import reference_turning
 from sffr_gym.types import Array, IntArray
 
@@ -49,8 +51,8 @@ class Schedule(NamedTuple):
         rho: largest factor of the virtual damping; 1 / rho is the smallest.
         tolerance: error of the base [m] at which a decision counts half; infinite if it always counts in full.
         lever: distance [m] at which a turn of the base moves a panel's middle.
-        modes: (2, 2) amplitudes of the bending modes for tip displacement and slope [kg^(1/2), kg^(1/2) m].
-        omega: (2,) their frequencies [rad/s].
+        modes: (n_p, 2, 2) amplitudes of the bending modes for tip displacement and slope [kg^(1/2), kg^(1/2) m].
+        omega: (n_p, 2) their frequencies [rad/s].
         energy: [J], acceleration: [m/s2], acceleration_rate: [m/s3] at which features have the size 1 (or 0, as logs).
         bounds: (N_FEATURES,) largest magnitudes.
         sizes: (layers + 1,) widths from the input to the output; an input for one panel serves each panel by itself.
@@ -84,17 +86,16 @@ class ScheduleWork(NamedTuple):
 
 def make_schedule(prior: Params) -> Schedule:
     """Return a schedule that never decides, with all that its features take from what the controller believes."""
-    panel, path = prior.panel, prior.path
-    element = one_element_beam(panel)
-    modes = clamped_modes(element, axial_cut=np.inf, bending_cut=np.inf)
-    bending = slice(modes.n_axial, None)
+    path, n_p = prior.path, prior.n_panels
+    modes, omega = zip(*of_each_panel(prior, _bending_modes), strict=True)
+    reaches = zip(prior.panel.mounts, prior.panel.each, strict=True)
     return Schedule(
         hold=0,
         rho=1.0,
         tolerance=inf,
-        lever=max((hypot(*mount.root) for mount in panel.mounts), default=0.0) + 0.5 * panel.length,
-        modes=np.ascontiguousarray((modes.shapes.T @ element.M_ff)[bending, 1:]),
-        omega=modes.omega[bending].copy(),
+        lever=max((hypot(*mount.root) + 0.5 * panel.length for mount, panel in reaches), default=0.0),
+        modes=np.array(modes)[:n_p],
+        omega=np.array(omega)[:n_p],
         energy=prior.reward.vibration.scale,
         acceleration=path.acceleration,
         acceleration_rate=path.acceleration_rate,
@@ -104,6 +105,14 @@ def make_schedule(prior: Params) -> Schedule:
         relu=False,
         squash=False,
     )
+
+
+def _bending_modes(panel: Panel) -> tuple[Array, Array]:
+    """Return a panel's :attr:`Schedule.modes` (2, 2) and ``omega`` (2,)."""
+    element = one_element_beam(panel)
+    modes = clamped_modes(element, axial_cut=np.inf, bending_cut=np.inf)
+    bending = slice(modes.n_axial, None)
+    return (modes.shapes.T @ element.M_ff)[bending, 1:], modes.omega[bending]
 
 
 def schedule_shapes(law):
@@ -130,13 +139,10 @@ def write_features(law, obs, features):
         for m in range(N_MODES):
             x = xd = 0.0
             for j in range(1, N_TIP):
-                x += schedule.modes[m, j - 1] * (
-                    obs[q + j] - law.regulator.shape[j] * push - law.regulator.turned[j] * spin
-                )
-                xd += schedule.modes[m, j - 1] * (
-                    obs[qd + j] - law.regulator.shape[j] * push_rate - law.regulator.turned[j] * spin_rate
-                )
-            x *= schedule.omega[m]
+                shape, turned = law.regulator.shape[i, j], law.regulator.turned[i, j]
+                x += schedule.modes[i, m, j - 1] * (obs[q + j] - shape * push - turned * spin)
+                xd += schedule.modes[i, m, j - 1] * (obs[qd + j] - shape * push_rate - turned * spin_rate)
+            x *= schedule.omega[i, m]
             energy += 0.5 * (x * x + xd * xd)
             own[2 * m], own[2 * m + 1] = x, xd
         size = sqrt(2.0 * (energy + FAINT * schedule.energy))

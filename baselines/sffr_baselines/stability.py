@@ -23,7 +23,7 @@ def sampled_growth(model: Model, B: ArrayLike, damped: ArrayLike, period: float)
     """Return the growth of a panel's vibration per control period under a sampled virtual damping; stable up to 1.
 
     The spectral radius of the map from one sample to the next, with all modes of the model and the strain-rate
-    damping; the root is clamped, all panels are alike.
+    damping; the root is clamped; of panels that differ the fastest growth.
 
     Args:
         model: the robot, with at least one panel.
@@ -41,9 +41,14 @@ def sampled_growth(model: Model, B: ArrayLike, damped: ArrayLike, period: float)
         raise ValueError(f"period must be a positive number of seconds, got {period}")
     if len(model.omega2) == 0:
         raise ValueError("the robot has no panels, so there is nothing to damp")
-    tip = tip_rows(model)[0]
+    return np.max([_panel_growth(model, i, B, damped, period) for i in range(len(model.omega2))], axis=0)
+
+
+def _panel_growth(model: Model, i: int, B: ArrayLike, damped: ArrayLike, period: float) -> Array:
+    """Return the growth of panel ``i``; see :func:`sampled_growth`."""
+    tip = tip_rows(model)[i]
     n_m = tip.shape[1]
-    transition, response = _sampled_modes(model.omega2[0], model.damping[0], period)
+    transition, response = _sampled_modes(model.omega2[i], model.damping[i], period)
     # State [eta, eta_d]; the tip's velocities are tip @ eta_d, a tip force tau makes the modal forces tip' tau.
     gains = np.asarray(B, dtype=np.float64) * np.asarray(damped, dtype=np.float64)
     modal_force = np.einsum("km,...k,kn->...mn", tip, gains, tip)
@@ -76,9 +81,9 @@ def largest_stable_damping(model: Model, direction: ArrayLike, damped: ArrayLike
     gains = weights * np.asarray(damped, dtype=np.float64)
     if not gains.any():
         raise ValueError(f"direction {weights.tolist()} has no part in the damped coordinates")
-    tip = tip_rows(model)[0]
+    tips = tip_rows(model)
     # Where the held force, B times the tip's response, reverses the velocities of one sample: unstable beyond.
-    reversing = 2.0 / (period * float(np.linalg.eigvalsh(np.einsum("km,k,kn->mn", tip, gains, tip))[-1]))
+    reversing = 2.0 / (period * float(np.linalg.eigvalsh(np.einsum("pkm,k,pkn->pmn", tips, gains, tips)).max()))
     factors = reversing * np.geomspace(FAINT, 1.0e3, 400)
     unstable = sampled_growth(model, factors[:, None] * weights, damped, period) > 1.0 + MARGIN
     first = int(np.argmax(unstable)) if unstable.any() else len(factors)

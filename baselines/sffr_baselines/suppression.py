@@ -15,6 +15,7 @@ from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.lanes import where
 from sffr_gym.config.params import Params
 from sffr_gym.physics.beam import N_TIP, one_element_beam
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.types import Array
 
 COORDINATES = ("q4", "q5", "q6")
@@ -22,7 +23,7 @@ TRANSVERSE = COORDINATES.index("q5")
 
 
 class Suppression(NamedTuple):
-    """The law's own model of a panel (one element, the paper's coordinates) and its gains."""
+    """The law's own model of each panel (one element, the paper's coordinates) and its gains."""
 
     damped: Array  #: (3,) 1 for each tip coordinate that the law damps, else 0
     B0: Array  #: (3,) virtual damping at the start [N s/m, N s/m, N m s/rad]
@@ -30,10 +31,10 @@ class Suppression(NamedTuple):
     psi: float  #: weight of the error in the filtered output [1/s]
     filtered: bool  #: Y = e_dot + psi e, instead of the printed Y = e
     period: float  #: control period [s]
-    M_inv: Array  #: (3, 3) inverse of M_ff
-    M_ff: Array  #: (3, 3)
-    centrifugal: Array  #: (3,) integral of rho a x U (axial) of Eq. 48
-    gyroscopic: Array  #: (3, 3) N - N'
+    M_inv: Array  #: (n_p, 3, 3) inverse of M_ff
+    M_ff: Array  #: (n_p, 3, 3)
+    centrifugal: Array  #: (n_p, 3) integral of rho a x U (axial) of Eq. 48
+    gyroscopic: Array  #: (n_p, 3, 3) N - N'
 
 
 def make_suppression(
@@ -48,8 +49,8 @@ def make_suppression(
         filtered: take the filtered output of Eq. 25 for the adaptation instead of the printed one.
         damps: False leaves the virtual damping out, and what the panels' motion asks for beside it stays.
     """
-    panel, law = prior.panel, prior.suppression
-    shape = one_element_beam(panel)
+    law, n_p = prior.suppression, prior.n_panels
+    shapes = of_each_panel(prior, one_element_beam)
     damped = np.array([float(active and name in damped_coordinates(prior)) for name in COORDINATES])
     return Suppression(
         damped=damped,
@@ -58,10 +59,10 @@ def make_suppression(
         psi=law.psi,
         filtered=filtered,
         period=prior.control.period,
-        M_inv=np.asarray(np.linalg.inv(shape.M_ff), dtype=np.float64),
-        M_ff=shape.M_ff,
-        centrifugal=shape.c_x,
-        gyroscopic=shape.N - shape.N.T,
+        M_inv=np.array([np.linalg.inv(shape.M_ff) for shape in shapes])[:n_p],
+        M_ff=np.array([shape.M_ff for shape in shapes])[:n_p],
+        centrifugal=np.array([shape.c_x for shape in shapes])[:n_p],
+        gyroscopic=np.array([shape.N - shape.N.T for shape in shapes])[:n_p],
     )
 
 
@@ -69,15 +70,16 @@ def damped_coordinates(params: Params) -> tuple[str, ...]:
     """The tip coordinates that the law damps, by ``suppression.coordinates``.
 
     ``auto`` takes those whose own natural frequency ``sqrt(K_ii / M_ii)`` times the control period is below pi/2:
-    beyond, a damping that acts with the delay of a sample can feed a mode instead of calming it.
+    beyond, a damping that acts with the delay of a sample can feed a mode instead of calming it. Of panels that differ
+    the fastest decides.
     """
     choice = params.suppression.coordinates
     if choice == "all":
         return COORDINATES
     if choice != "auto":
         return tuple(choice)
-    shape = one_element_beam(params.panel)
-    omega = np.sqrt(np.diag(shape.K) / np.diag(shape.M_ff))
+    shapes = of_each_panel(params, one_element_beam)
+    omega = np.max([np.sqrt(np.diag(shape.K) / np.diag(shape.M_ff)) for shape in shapes], axis=0)
     return tuple(name for name, w in zip(COORDINATES, omega, strict=True) if w * params.control.period < pi / 2)
 
 
@@ -100,25 +102,25 @@ def suppress(law, allocation, limit, at, obs, factor, B_hat, volts):
         for k in range(N_TIP):
             if law.damped[k] == 0.0:
                 continue
-            Q_v = yaw_rate * yaw_rate * law.centrifugal[k]
+            Q_v = yaw_rate * yaw_rate * law.centrifugal[i, k]
             for j in range(N_TIP):
-                Q_v += yaw_rate * yaw_rate * law.M_ff[k, j] * obs[q + j]
-                Q_v -= 2.0 * yaw_rate * law.gyroscopic[k, j] * obs[qd + j]
+                Q_v += yaw_rate * yaw_rate * law.M_ff[i, k, j] * obs[q + j]
+                Q_v -= 2.0 * yaw_rate * law.gyroscopic[i, k, j] * obs[qd + j]
             tau = -(factor[i, k] * B_hat[i, k]) * obs[qd + k] - Q_v
             for c in range(n_c):
                 volts[i * n_c + c] += allocation[i, c, k] * tau
         excess = 0.0
         for c in range(n_c):
             excess = max(excess, abs(volts[i * n_c + c]) - limit[i * n_c + c])
-        _adapt(law, obs, q, qd, B_hat[i], excess > 0.0)
+        _adapt(law, i, obs, q, qd, B_hat[i], excess > 0.0)
 
 
 @kernel
-def _adapt(law, obs, q, qd, B_hat, saturated):
+def _adapt(law, i, obs, q, qd, B_hat, saturated):
     """``dB/dt = Gamma K' M_f^-1 Y`` over one period unless saturated, with the regressor K = diag(e_dot) of Eq. 24."""
     for k in range(N_TIP):
         Y = 0.0
         for j in range(N_TIP):
-            Y -= law.M_inv[k, j] * (obs[qd + j] + law.psi * obs[q + j] if law.filtered else obs[q + j])
+            Y -= law.M_inv[i, k, j] * (obs[qd + j] + law.psi * obs[q + j] if law.filtered else obs[q + j])
         adapted = max(B_hat[k] - law.period * law.Gamma[k] * obs[qd + k] * Y, 0.0)
         B_hat[k] = where(saturated, B_hat[k], adapted)

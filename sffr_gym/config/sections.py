@@ -54,6 +54,7 @@ from sffr_gym.config.ranges import (
 )
 from sffr_gym.config.strict_yaml import TAG, check_error
 
+PANEL_KEYS = ("mass", "length", "EI")  # that a panel may have of its own
 TIP_COORDINATES = ("q4", "q5", "q6")  # a panel tip's axial and transverse displacement and slope, as the paper counts
 ALL, EACH = f"{TAG}all", f"{TAG}each"  # forms of the panels' initial state
 
@@ -129,15 +130,23 @@ class Arm(Section):
 
 
 class PanelMount(Section):
-    """Where a panel is clamped to the base."""
+    """Where a panel is clamped to the base, and what it has of its own."""
 
     name: Name = Field(description="unique name [-]")
     root: Place2 = Field(description="place of the clamped end in the base frame [m]")
     angle: Angle = Field(description="direction of the undeformed panel in the base frame [rad]")
+    mass: Mass | None = Field(default=None, description="mass of this panel, null: panel.mass [kg]")
+    length: Length | None = Field(default=None, description="length of this panel, null: panel.length [m]")
+    EI: BendingStiffness | None = Field(default=None, description="stiffness of this panel, null: panel.EI [N m2]")
+
+    @property
+    def own(self) -> dict[str, float]:
+        """What this panel does not share with the others, by key of the section ``panel``."""
+        return {key: value for key in PANEL_KEYS if (value := getattr(self, key)) is not None}
 
 
 class Panel(Section):
-    """The flexible panel, one beam model for all the mounts."""
+    """The flexible panels: one beam model, whose mass, length and stiffness a mount may replace by its own."""
 
     mass: Mass = Field(description="mass of one panel [kg]")
     length: Length = Field(description="length [m]")
@@ -152,6 +161,18 @@ class Panel(Section):
     mounts: Annotated[tuple[PanelMount, ...], at_most(MOST_PANELS, COSTS)] = Field(
         description="one entry for each panel"
     )
+
+    @property
+    def each(self) -> tuple[Self, ...]:
+        """The panels, mount by mount, each with the mass, length and EI that it has; alike ones are the same object."""
+        kinds: dict[tuple[float, ...], Self] = {self.numbers: self}
+        own = [self.model_copy(update=mount.own) if mount.own else self for mount in self.mounts]
+        return tuple(kinds.setdefault(panel.numbers, panel) for panel in own)
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """What a mount may replace, in the order of ``PANEL_KEYS``."""
+        return tuple(getattr(self, key) for key in PANEL_KEYS)
 
 
 class Grasp(Section):

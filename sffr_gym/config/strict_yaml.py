@@ -204,7 +204,8 @@ def _explain(model: type[BaseModel], key: Key, error: Any, where: Where) -> str:
     if kind == "extra_forbidden":
         known = list(section.model_fields) if section else []
         elsewhere = [path for path in _dotted_names(model) if path.rpartition(".")[2].lower() == str(key[-1]).lower()]
-        hint = did_you_mean(str(key[-1]), known) or (f"; did you mean '{elsewhere[0]}'?" if len(elsewhere) == 1 else "")
+        outermost = [path for path in elsewhere if path.count(".") == min(each.count(".") for each in elsewhere)]
+        hint = did_you_mean(str(key[-1]), known) or (f"; did you mean '{outermost[0]}'?" if len(outermost) == 1 else "")
         return f"{where(key)}: {dotted}: unknown key{hint} (known: {', '.join(known)})"
     if kind == "missing" and isinstance(key[-1], int):
         key, dotted = key[:-1], ".".join(map(str, key[:-1]))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sffr_gym.config.sections import Section
+from sffr_gym.config.sections import PANEL_KEYS, Section
 from sffr_gym.config.template import conform
 from sffr_gym.envs.batch import NEVER, Batch
 from sffr_gym.envs.fleet import N_SIZES, make_fleet, plant_at, same_layout
@@ -145,7 +145,10 @@ def _is_of(episode: Episode, known: Nominal) -> bool:
     )
     if episode.prior != believed:
         return False
-    drawn: dict[str, Any] = {"panel": _with(prior.panel, plant.panel, "EI", "mass", "bending_cut", "axial_cut")}
+    panel = _with(prior.panel, plant.panel, "EI", "mass", "bending_cut", "axial_cut")
+    mounts = zip(prior.panel.mounts, plant.panel.mounts, strict=True)
+    own = {"mounts": tuple(_with(*pair, *PANEL_KEYS) for pair in mounts)}
+    drawn: dict[str, Any] = {"panel": panel.model_copy(update=own)}
     drawn["arms"] = tuple(
         arm.model_copy(
             update={

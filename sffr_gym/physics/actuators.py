@@ -20,6 +20,7 @@ from sffr_gym.compile.linalg import assign
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.actuator_sections import Actuators as ActuatorSection
 from sffr_gym.config.params import Params
+from sffr_gym.physics.each_panel import of_each_panel
 from sffr_gym.physics.model import N_BASE, Model, first_mode, tip_rows
 from sffr_gym.physics.piezo import channels
 from sffr_gym.types import Array
@@ -107,10 +108,11 @@ def actuator_state(actuators, numbers):
 def pack_actuators(params: Params, model: Model) -> Actuators:
     """Turn validated parameters into the arrays of the kernels."""
     piezo, panel = params.actuators.piezo, params.panel
-    gain, tip_reach = channels(piezo, panel, elements=1)
     n_p = len(model.panel_root)
-    K_PZ = np.tile(tip_reach * gain, (n_p, 1, 1))
-    nodal_reach = channels(piezo, panel, panel.elements).reach
+    known = of_each_panel(params, lambda each: channels(piezo, each, elements=1))
+    nodal = of_each_panel(params, lambda each: channels(piezo, each, panel.elements).reach)
+    gain = known[0].gain
+    K_PZ = np.array([each.reach * each.gain for each in known])[:n_p]
     section, n_l = params.actuators, len(model.link_mass)
     counts = n_p * len(gain), 2, 1, n_l
     limits = section.piezo.voltage, section.thruster_force, section.thruster_torque, section.joint_torque
@@ -135,7 +137,7 @@ def pack_actuators(params: Params, model: Model) -> Actuators:
         K_PZ=K_PZ,
         allocation=np.array(np.linalg.pinv(K_PZ, rcond=LEAST_REACH), dtype=np.float64, order="C"),
         gain=np.tile(gain, (n_p, 1)),
-        reach=np.array(model.shapes.transpose(0, 2, 1) @ nodal_reach, order="C"),
+        reach=np.array(model.shapes.transpose(0, 2, 1) @ np.array(nodal)[:n_p], order="C"),
         tips=tip_rows(model).transpose(0, 2, 1).copy(),
     )
 

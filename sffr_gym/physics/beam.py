@@ -136,6 +136,14 @@ def clamped_modes(panel: Beam, axial_cut: float, bending_cut: float) -> Modes:
     return Modes(np.concatenate([omega_a, omega_b]), len(omega_a), shapes[order])
 
 
+def slowest_modes(panel: Beam, like: Modes) -> Modes:
+    """Return as many of the slowest modes of each family as another panel of as many elements has."""
+    every = clamped_modes(panel, np.inf, np.inf)
+    first, count = every.n_axial, len(like.omega) - like.n_axial
+    kept = np.r_[0 : like.n_axial, first : first + count]
+    return Modes(every.omega[kept], like.n_axial, np.ascontiguousarray(every.shapes[:, kept]))
+
+
 def _family(panel: Beam, coordinates: NDArray[np.intp], tip: int, cut: float) -> tuple[Array, Array]:
     """Return the modes of one family of coordinates, signed by the displacement of nodal coordinate ``tip``."""
     block = np.ix_(coordinates, coordinates)

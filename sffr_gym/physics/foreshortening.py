@@ -15,6 +15,7 @@ integral of ``rho a x G``, where a linear one softens.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -34,19 +35,19 @@ POINTS = 4  # of mass along a panel, and of its strain, by Gauss
 
 
 class Foreshortening(NamedTuple):
-    """Points of a panel and its shapes there, of the slowest modes; of no length for linear panels. All are alike.
+    """Points of each panel and its shapes there, of the slowest modes; of no length for linear panels.
 
     There is room for ``SLOWEST`` modes, zeros where a panel has fewer: compilers unroll loops of a known length.
     """
 
-    mass: Array  #: (n_q,) of each point [kg]
-    x: Array  #: (n_q,) its distance from the root [m]
-    W: Array  #: (n_q, n_b) transverse displacement of each mode there
-    G: Array  #: (n_q, n_b, n_b) integral of W' W'^T up to it
-    tip: Array  #: (n_b, n_b) the same of the tip
-    stiffness: Array  #: (n_q,) EI times the length that a point stands for [N m3]
-    slope: Array  #: (n_q, n_b) W' and W'' there
-    bend: Array  #: (n_q, n_b)
+    mass: Array  #: (n_p, n_q) of each point [kg]
+    x: Array  #: (n_p, n_q) its distance from the root [m]
+    W: Array  #: (n_p, n_q, n_b) transverse displacement of each mode there
+    G: Array  #: (n_p, n_q, n_b, n_b) integral of W' W'^T up to it
+    tip: Array  #: (n_p, n_b, n_b) the same of the tip
+    stiffness: Array  #: (n_p, n_q) EI times the length that a point stands for [N m3]
+    slope: Array  #: (n_p, n_q, n_b) W' and W'' there
+    bend: Array  #: (n_p, n_q, n_b)
 
 
 class Bent(NamedTuple):
@@ -65,18 +66,18 @@ class Bent(NamedTuple):
     turn: Array  #: (n_b,) rotation coupling beside that of a linear panel
 
 
-def foreshortening_shapes(n_b):
-    """Shapes of :class:`Foreshortening` for panels with so many modes of second order, 0 for linear ones."""
+def foreshortening_shapes(n_p, n_b):
+    """Shapes of :class:`Foreshortening` for so many panels and modes of second order, of these 0 for linear ones."""
     n_q = POINTS if n_b else 0
     return Foreshortening(
-        mass=(n_q,), x=(n_q,), W=(n_q, n_b), G=(n_q, n_b, n_b), tip=(n_b, n_b), stiffness=(n_q,), slope=(n_q, n_b),
-        bend=(n_q, n_b),
+        mass=(n_p, n_q), x=(n_p, n_q), W=(n_p, n_q, n_b), G=(n_p, n_q, n_b, n_b), tip=(n_p, n_b, n_b),
+        stiffness=(n_p, n_q), slope=(n_p, n_q, n_b), bend=(n_p, n_q, n_b),
     )  # fmt: skip
 
 
 def bent_shapes(model):
     """Shapes of :class:`Bent` for a robot."""
-    n_b = len(model.foreshortening.tip)
+    n_b = model.foreshortening.tip.shape[1]
     n_q = POINTS if n_b else 0
     return Bent(
         b=(n_b,), bd=(n_b,), f=(n_b,), mass=(n_b, n_b), Gb=(n_q, n_b), s=(n_q,), y=(n_q,), inward=(n_q,),
@@ -84,13 +85,25 @@ def bent_shapes(model):
     )  # fmt: skip
 
 
-def make_foreshortening(panel: Panel, modes: Modes) -> Foreshortening:
-    """Return the points of a panel.
+def make_foreshortening(panels: Sequence[Panel], modes: Sequence[Modes]) -> Foreshortening:
+    """Return the points of panels.
 
     Args:
-        panel: the panel.
-        modes: its clamped modes, none of them axial.
+        panels: the panels.
+        modes: clamped modes of each, none of them axial.
     """
+    parts = [_points(panel, own) for panel, own in zip(panels, modes, strict=True)]
+    stacked = [np.array(arrays) for arrays in zip(*parts, strict=True)]
+    return Foreshortening(*stacked) if parts else no_foreshortening(0, SLOWEST)
+
+
+def no_foreshortening(n_p: int, n_b: int = 0) -> Foreshortening:
+    """Return zeros: of no length for so many linear panels."""
+    return Foreshortening(*(np.zeros(shape) for shape in foreshortening_shapes(n_p, n_b)))
+
+
+def _points(panel: Panel, modes: Modes) -> Foreshortening:
+    """Return the points of one panel, without the first axis of :class:`Foreshortening`."""
     slow = modes.shapes[:, :SLOWEST]
     shapes = np.pad(slow, ((N_TIP, 0), (0, SLOWEST - slow.shape[1])))
     places, weights = np.polynomial.legendre.leggauss(POINTS)
@@ -139,8 +152,8 @@ def condense_bent(model, i, p, v, tau, yaw_rate, panels):
     n_b = min(n_m, SLOWEST)
     for j in range(SLOWEST):
         bent.b[j], bent.bd[j] = (b[j], bd[j]) if j < n_b else (0.0, 0.0)
-    drawn, drift, curl, turning, moment = _move_inward(model.foreshortening, w, bent)
-    _stiffen(model.foreshortening, bent)
+    drawn, drift, curl, turning, moment = _move_inward(model.foreshortening, i, w, bent)
+    _stiffen(model.foreshortening, i, bent)
     _factor(bent.mass)
     along, across, turn = panels.along[i], panels.across[i], panels.turn[i]
     for j in range(n_m):
@@ -177,10 +190,10 @@ def condense_bent(model, i, p, v, tau, yaw_rate, panels):
 
 
 @kernel
-def _move_inward(points, w, bent):
+def _move_inward(points, i, w, bent):
     """Sum what the inward motion of the points adds to a panel's equations.
 
-    points: :class:`Foreshortening`; w: yaw rate [rad/s].
+    points: :class:`Foreshortening`; i: index of the panel; w: yaw rate [rad/s].
     bent: :class:`Bent` with amplitudes and rates; its forces, mass matrix and couplings are written.
 
     Returns ``m s``, ``m sd``, ``m bd'G bd``, ``m s (s - 2 x)`` and the moment about the root.
@@ -188,18 +201,18 @@ def _move_inward(points, w, bent):
     b, bd = bent.b, bent.bd
     drawn = drift = curls = turning = moment = 0.0
     for q in range(POINTS):
-        mass, x, s, sd, curl, y, yd = points.mass[q], points.x[q], 0.0, 0.0, 0.0, 0.0, 0.0
+        mass, x, s, sd, curl, y, yd = points.mass[i, q], points.x[i, q], 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(SLOWEST):
             Gb = Gbd = 0.0
             for k in range(SLOWEST):
-                Gb += points.G[q, j, k] * b[k]
-                Gbd += points.G[q, j, k] * bd[k]
+                Gb += points.G[i, q, j, k] * b[k]
+                Gbd += points.G[i, q, j, k] * bd[k]
             bent.Gb[q, j] = Gb
             s += 0.5 * b[j] * Gb
             sd += bd[j] * Gb
             curl += bd[j] * Gbd
-            y += points.W[q, j] * b[j]
-            yd += points.W[q, j] * bd[j]
+            y += points.W[i, q, j] * b[j]
+            yd += points.W[i, q, j] * bd[j]
         bent.s[q], bent.y[q] = s, y
         bent.inward[q], bent.across[q] = mass * (w * (w * (s - x) - 2.0 * yd) - curl), 2.0 * mass * w * sd
         drawn += mass * s
@@ -210,30 +223,30 @@ def _move_inward(points, w, bent):
     for j in range(SLOWEST):
         f = along = turn = 0.0
         for q in range(POINTS):
-            momentum = points.mass[q] * bent.Gb[q, j]
-            f += bent.inward[q] * bent.Gb[q, j] + bent.across[q] * points.W[q, j]
+            momentum = points.mass[i, q] * bent.Gb[q, j]
+            f += bent.inward[q] * bent.Gb[q, j] + bent.across[q] * points.W[i, q, j]
             along -= momentum
-            turn += bent.y[q] * momentum - points.mass[q] * bent.s[q] * points.W[q, j]
+            turn += bent.y[q] * momentum - points.mass[i, q] * bent.s[q] * points.W[i, q, j]
         bent.f[j], bent.along[j], bent.turn[j] = f, along, turn
         for k in range(j + 1):
             mass = 1.0 if k == j else 0.0
             for q in range(POINTS):
-                mass += points.mass[q] * bent.Gb[q, j] * bent.Gb[q, k]
+                mass += points.mass[i, q] * bent.Gb[q, j] * bent.Gb[q, k]
             bent.mass[j, k] = mass
     return drawn, drift, curls, turning, moment
 
 
 @kernel
-def _stiffen(points, bent):
+def _stiffen(points, i, bent):
     """Add the forces of the strain energy ``EI w''^2 w'^2 / 2``, which the exact curvature adds, to ``bent.f``."""
     for q in range(POINTS):
         slope = bend = 0.0
         for j in range(SLOWEST):
-            slope += points.slope[q, j] * bent.b[j]
-            bend += points.bend[q, j] * bent.b[j]
-        moment = points.stiffness[q] * bend * slope
+            slope += points.slope[i, q, j] * bent.b[j]
+            bend += points.bend[i, q, j] * bent.b[j]
+        moment = points.stiffness[i, q] * bend * slope
         for j in range(SLOWEST):
-            bent.f[j] -= moment * (slope * points.bend[q, j] + bend * points.slope[q, j])
+            bent.f[j] -= moment * (slope * points.bend[i, q, j] + bend * points.slope[i, q, j])
 
 
 @kernel
@@ -268,7 +281,7 @@ def tip_foreshortening(model, i, p, v):
 
     p, v: (n,) positions and velocities.
     """
-    G, start = model.foreshortening.tip, model.at.modes + i * model.omega2.shape[1]
+    G, start = model.foreshortening.tip[i], model.at.modes + i * model.omega2.shape[1]
     n_b, inward, rate = min(len(G), model.omega2.shape[1]), 0.0, 0.0
     for j in range(n_b):
         for k in range(n_b):
@@ -292,9 +305,10 @@ def panel_inertia(model: Model, i: int, b: Array) -> Array:
     M[0, 3 : 3 + n_a], M[1, 3 + n_a :] = translation[:n_a], translation[n_a:]
     M[2, 3 : 3 + n_a], M[2, 3 + n_a :] = -(gyro.T @ bending), rotation[n_a:] + gyro @ axial
     points = model.foreshortening
-    slow = b[: len(points.tip)]
+    slow = b[: points.tip.shape[1]]
     n_b, bent = len(slow), slice(3, 3 + len(slow))
-    for mass, x, W, G in zip(points.mass, points.x, points.W[:, :n_b], points.G[:, :n_b, :n_b], strict=True):
+    W_i, G_i = points.W[i, :, :n_b], points.G[i, :, :n_b, :n_b]
+    for mass, x, W, G in zip(points.mass[i], points.x[i], W_i, G_i, strict=True):
         Gb, s, y = G @ slow, slow @ G @ slow / 2.0, W @ slow
         M[1, 2] -= mass * s
         M[2, 2] += mass * s * (s - 2.0 * x)
@@ -306,6 +320,6 @@ def panel_inertia(model: Model, i: int, b: Array) -> Array:
 
 def strain_energy(model: Model, i: int, b: Array) -> float:
     """Return the strain energy of panel ``i`` beyond that of a linear beam [J], of its exact curvature."""
-    points, slow = model.foreshortening, b[: len(model.foreshortening.tip)]
-    bend, slope = points.bend[:, : len(slow)] @ slow, points.slope[:, : len(slow)] @ slow
-    return float(0.5 * points.stiffness @ (bend * slope) ** 2)
+    points, slow = model.foreshortening, b[: model.foreshortening.tip.shape[1]]
+    bend, slope = points.bend[i, :, : len(slow)] @ slow, points.slope[i, :, : len(slow)] @ slow
+    return float(0.5 * points.stiffness[i] @ (bend * slope) ** 2)

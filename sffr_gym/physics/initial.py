@@ -31,8 +31,8 @@ def initial_positions(params: Params, model: Model) -> tuple[Array, Array]:
     p[rigid] = [*params.initial.q[:N_BASE], *initial_joints(params)]
     if params.initial.qd is not None:
         v[rigid] = params.initial.qd
-    p[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qf))
-    v[mode_slice(model)] = modal(model, tip_displacement(params, model, params.initial.qfd))
+    p[mode_slice(model)] = modal(model, tip_displacement(model, params.initial.qf))
+    v[mode_slice(model)] = modal(model, tip_displacement(model, params.initial.qfd))
     if params.object is not None:
         p[object_slice(model)] = _object_pose(model, p[rigid], v[rigid])
         close_grasps(model, p)
@@ -59,17 +59,16 @@ def _along_path(params: Params, base: Array, carried: Array) -> Array:
     return np.append(np.array([x, y]) + turn * perpendicular(base - carried), turn)
 
 
-def tip_displacement(params: Params, model: Model, tip: tuple) -> Array:
+def tip_displacement(model: Model, tip: tuple) -> Array:
     """Return nodal coordinates (n_p, n_f) of panels whose tips are displaced: the static shape under tip loads.
 
     Args:
-        params: the robot's parameters.
-        model: its arrays.
+        model: the robot.
         tip: three numbers for every panel, or three for each (axial m, transverse m, slope rad, or their rates).
     """
     n_p, n_f = model.shapes.shape[:2]
     tips = np.broadcast_to(np.asarray(tip, dtype=float), (n_p, N_TIP))
-    length = params.panel.length
+    length = model.panel_length[:, None]
     xi = np.arange(1, n_f // N_TIP + 1) / (n_f // N_TIP)
     nodes = np.zeros((n_p, len(xi), N_TIP))
     w, s = tips[:, 1, None], tips[:, 2, None] * length

@@ -29,17 +29,23 @@ panel's clamped modal amplitudes, the object's ``x y phi`` (inertial; absent wit
 from __future__ import annotations
 
 import warnings
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.workspace import Integers
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.physics.beam import N_TIP, Beam, Modes, beam, clamped_modes
-from sffr_gym.physics.foreshortening import Foreshortening, foreshortening_shapes, make_foreshortening
+from sffr_gym.physics.beam import N_TIP, Beam, Modes
+from sffr_gym.physics.each_panel import panel_beams, panel_modes
+from sffr_gym.physics.foreshortening import (
+    Foreshortening,
+    foreshortening_shapes,
+    make_foreshortening,
+    no_foreshortening,
+)
 from sffr_gym.physics.staggered import longest_stable_step
 from sffr_gym.types import Array, IntArray
 
@@ -89,6 +95,7 @@ class Model(NamedTuple):
     link_com: Array  #: (n_l,) [m] centre of mass from the link's joint
     panel_root: Array  #: (n_p, 2) [m] base frame
     panel_axis: Array  #: (n_p, 2) cosine and sine of the panel's angle, base frame
+    panel_length: Array  #: (n_p,) [m]
     panel_mass: Array  #: (n_p,) [kg]
     panel_first_moment: Array  #: (n_p,) [kg m] about the root
     panel_second_moment: Array  #: (n_p,) [kg m2] about the root
@@ -138,7 +145,7 @@ def model_sizes(model: Model) -> Sizes:
     panels, coordinates, modes = model.shapes.shape
     return Sizes(
         len(model.arm_mount), len(model.link_mass), panels, modes, model.n_axial, coordinates, len(model.grasp_arm),
-        len(model.stiff.omega), len(model.foreshortening.tip),
+        len(model.stiff.omega), model.foreshortening.tip.shape[1],
     )  # fmt: skip
 
 
@@ -153,7 +160,8 @@ def model_shapes(n):
         arm_first=Integers((n.arms + 1,)), arm_mount=(n.arms, 2), arm_angle=(n.arms,),
         link_mass=(n.links,), link_inertia=(n.links,), link_length=(n.links,), link_com=(n.links,),
         panel_root=(n.panels, 2), panel_axis=(n.panels, 2),
-        panel_mass=(n.panels,), panel_first_moment=(n.panels,), panel_second_moment=(n.panels,),
+        panel_length=(n.panels,), panel_mass=(n.panels,), panel_first_moment=(n.panels,),
+        panel_second_moment=(n.panels,),
         n_axial=Integers(()),
         omega2=(n.panels, n.modes), damping=(n.panels, n.modes),
         translation=(n.panels, n.modes), rotation=(n.panels, n.modes),
@@ -163,7 +171,7 @@ def model_shapes(n):
         grasp_arm=Integers((n.grasps,)), grasp_point=(n.grasps, 2),
         staggered=Integers(()), baumgarte=(), longest_step=(),
         stiff=StiffModes(Integers((n.stiff,)), Integers((n.stiff,)), Integers((n.stiff,)), (n.stiff,)), eta=(),
-        foreshortening=foreshortening_shapes(n.bent),
+        foreshortening=foreshortening_shapes(n.panels, n.bent),
     )  # fmt: skip
 
 
@@ -196,19 +204,23 @@ def pack(params: Params) -> Model:
     """
     links = [link for arm in params.arms for link in arm.links]
     panel, mounts = params.panel, params.panel.mounts
-    shape = panel_beam(params)
-    modes = panel_modes(params)
-    omega2 = modes.omega**2
-    is_axial = np.arange(len(omega2)) < modes.n_axial
-    longest_step = _longest_step(params, shape, modes)
-    _check_steps(params, modes, longest_step)
-    is_stiff = modes.omega * longest_step > STIFF
-    gyro = modes.shapes[:, ~is_axial].T @ shape.N @ modes.shapes[:, is_axial]
+    beams, modes = panel_beams(params), panel_modes(params)
+    omega, n_axial, n_p = np.array([each.omega for each in modes]), modes[0].n_axial, len(mounts)
+    n_m = omega.shape[1]
+    is_axial = np.arange(n_m) < n_axial
+    longest_step = _longest_step(params, beams, modes)
+    _check_steps(params, omega, longest_step)
+    is_stiff = omega[:n_p] * longest_step > STIFF
     names = [arm.name for arm in params.arms]
     grasps = params.object.grasps if params.object else ()
-    n_p, n_m = len(mounts), len(omega2)
     at = _index_map(len(links), n_p * n_m, params.object is not None)
-    stiff_panel, stiff_mode = map(np.ascontiguousarray, np.nonzero(np.tile(is_stiff, (n_p, 1))))
+    stiff_panel, stiff_mode = map(np.ascontiguousarray, np.nonzero(is_stiff))
+
+    def of_each(values: Callable[[Beam, Modes], Any]) -> Array:
+        """Return the constants of the panels, one after another."""
+        kinds = [values(*each) for each in zip(beams, modes, strict=True)]
+        return np.array(kinds, dtype=np.float64, order="C")[:n_p]
+
     return Model(
         at=at,
         base_mass=params.base.mass,
@@ -222,17 +234,18 @@ def pack(params: Params) -> Model:
         link_com=np.array([link.com for link in links]),
         panel_root=np.array([mount.root for mount in mounts]).reshape(-1, 2),
         panel_axis=np.array([(np.cos(mount.angle), np.sin(mount.angle)) for mount in mounts]).reshape(-1, 2),
-        panel_mass=np.full(n_p, shape.mass),
-        panel_first_moment=np.full(n_p, shape.first_moment),
-        panel_second_moment=np.full(n_p, shape.second_moment),
-        n_axial=modes.n_axial,
-        omega2=_repeat(omega2, n_p),
-        damping=_repeat(panel.strain_rate_damping * omega2, n_p),
-        translation=_repeat(np.where(is_axial, shape.S_x @ modes.shapes, shape.S_y @ modes.shapes), n_p),
-        rotation=_repeat(np.where(is_axial, shape.c_x @ modes.shapes, shape.c_y @ modes.shapes), n_p),
-        gyro=_repeat(gyro, n_p),
-        shapes=_repeat(modes.shapes, n_p),
-        inverse=_repeat(modes.shapes.T @ shape.M_ff, n_p),
+        panel_length=np.array([each.length for each in panel.each]),
+        panel_mass=of_each(lambda beam, _: beam.mass),
+        panel_first_moment=of_each(lambda beam, _: beam.first_moment),
+        panel_second_moment=of_each(lambda beam, _: beam.second_moment),
+        n_axial=n_axial,
+        omega2=of_each(lambda _, own: own.omega**2),
+        damping=of_each(lambda _, own: panel.strain_rate_damping * own.omega**2),
+        translation=of_each(lambda beam, own: np.where(is_axial, beam.S_x @ own.shapes, beam.S_y @ own.shapes)),
+        rotation=of_each(lambda beam, own: np.where(is_axial, beam.c_x @ own.shapes, beam.c_y @ own.shapes)),
+        gyro=of_each(lambda beam, own: own.shapes[:, ~is_axial].T @ beam.N @ own.shapes[:, is_axial]),
+        shapes=of_each(lambda _, own: own.shapes),
+        inverse=of_each(lambda beam, own: own.shapes.T @ beam.M_ff),
         object_mass=params.object.mass if params.object else 0.0,
         object_inertia=params.object.inertia if params.object else 0.0,
         grasp_arm=np.array([names.index(grasp.arm) for grasp in grasps], dtype=np.int64),
@@ -240,26 +253,23 @@ def pack(params: Params) -> Model:
         staggered=int(params.simulation.coupling == "staggered"),
         baumgarte=params.simulation.baumgarte,
         longest_step=longest_step,
-        stiff=StiffModes(
-            stiff_panel, stiff_mode, at.modes + stiff_panel * n_m + stiff_mode, np.tile(modes.omega[is_stiff], n_p)
-        ),
+        stiff=StiffModes(stiff_panel, stiff_mode, at.modes + stiff_panel * n_m + stiff_mode, omega[:n_p][is_stiff]),
         eta=panel.strain_rate_damping,
-        foreshortening=_foreshortening(params, modes, is_stiff),
+        foreshortening=_foreshortening(params, modes, omega[:n_p][is_stiff]),
     )
 
 
-def _foreshortening(params: Params, modes: Modes, is_stiff: NDArray[np.bool_]) -> Foreshortening:
+def _foreshortening(params: Params, modes: Sequence[Modes], stiff: Array) -> Foreshortening:
     """Return the integrals of foreshortened panels; raise ConfigError for modes that their integration cannot hold."""
     if not params.panel.foreshortening:
-        return Foreshortening(*(np.zeros(shape) for shape in foreshortening_shapes(0)))
-    if is_stiff.any():
-        slowest = modes.omega[is_stiff].min()
+        return no_foreshortening(params.n_panels)
+    if len(stiff):
         raise ConfigError(
             f"panel.bending_cut = {params.panel.bending_cut:g}: with panel.foreshortening no mode may turn more than "
-            f"{STIFF:g} rad in an integration step, and the one at {slowest:.3g} rad/s does; lower the cut, or shorten "
-            "simulation.max_step"
+            f"{STIFF:g} rad in an integration step, and the one at {stiff.min():.3g} rad/s does; lower the cut, or "
+            "shorten simulation.max_step"
         )
-    return make_foreshortening(params.panel, modes)
+    return make_foreshortening(params.panel.each, modes[: params.n_panels])
 
 
 def _index_map(n_links: int, n_amplitudes: int, has_object: bool) -> Index:
@@ -274,16 +284,16 @@ def steps_in(model: Model, duration: float) -> int:
     return max(int(np.ceil(duration / model.longest_step - 1e-9)), 1)
 
 
-def _longest_step(params: Params, shape: Beam, modes: Modes) -> float:
+def _longest_step(params: Params, beams: Sequence[Beam], modes: Sequence[Modes]) -> float:
     """The configured longest step, or less for the classical method, and for stiff modes that ring on and on.
 
     A stiff mode that turns by 2 pi within a step looks like slow motion to the integrator's stages. Damped as it is by
     default, its vibration is gone after a few steps and does no harm; else a step is kept below half a turn. The free
     robot's axial modes lie up to a third above the clamped ones. The staggered coupling has a limit of its own.
     """
-    omega, longest = modes.omega, params.simulation.max_step
+    omega, longest = np.concatenate([each.omega for each in modes]), params.simulation.max_step
     if params.simulation.coupling == "staggered":
-        longest = longest_stable_step(params, shape, modes)
+        longest = longest_stable_step(params, beams, modes)
         if longest < params.simulation.max_step:
             warnings.warn(
                 f"simulation.max_step = {params.simulation.max_step:g} s is too long for simulation.coupling = "
@@ -297,27 +307,15 @@ def _longest_step(params: Params, shape: Beam, modes: Modes) -> float:
     return LARGEST_TURN / ringing.max() if len(ringing) else longest
 
 
-def _check_steps(params: Params, modes: Modes, longest: float) -> None:
+def _check_steps(params: Params, omega: Array, longest: float) -> None:
     """Raise ConfigError if steps of at most ``longest`` [s] make a control period take for ever."""
     steps = params.control.period / longest
     if steps > MOST_STEPS:
         raise ConfigError(
             f"control.period = {params.control.period:g}: would take about {steps:.1g} integration steps of "
             f"{longest:.1g} s, at most {MOST_STEPS}: shorten it, lengthen simulation.max_step, or leave out fast modes "
-            f"(up to {modes.omega.max(initial=0.0):.3g} rad/s) with panel.axial_cut and panel.bending_cut"
+            f"(up to {omega.max(initial=0.0):.3g} rad/s) with panel.axial_cut and panel.bending_cut"
         )
-
-
-def panel_beam(params: Params) -> Beam:
-    """Shape integrals of the configured panel."""
-    panel = params.panel
-    return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
-
-
-def panel_modes(params: Params) -> Modes:
-    """Clamped modes of the configured panel up to its cuts; a foreshortened one keeps its length."""
-    axial_cut = 0.0 if params.panel.foreshortening else params.panel.axial_cut
-    return clamped_modes(panel_beam(params), axial_cut, params.panel.bending_cut)
 
 
 def nodal(model: Model, amplitudes: Array) -> Array:
@@ -333,8 +331,3 @@ def modal(model: Model, q_f: Array) -> Array:
 def tip_rows(model: Model) -> Array:
     """Rows of ``shapes`` that give the tip node's axial, transverse and slope coordinates, (n_p, 3, n_m)."""
     return model.shapes[:, -N_TIP:, :]
-
-
-def _repeat(values: Array, n_panels: int) -> Array:
-    """One contiguous copy of a panel's constants for each panel."""
-    return np.broadcast_to(values, (n_panels, *values.shape)).copy()

@@ -6,6 +6,7 @@ solve the same equations by elimination, and the tests hold the two against each
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,12 +69,12 @@ def rigid_equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
     return H, C
 
 
-def assemble(model: Model, beam: Beam, q: Array, qd: Array, qf: Array, qfd: Array) -> tuple[Array, Array]:
+def assemble(model: Model, beams: Sequence[Beam], q: Array, qd: Array, qf: Array, qfd: Array) -> tuple[Array, Array]:
     """Return mass matrix M (N, N) and bias h (N,) of the whole robot, elastic and damping forces included in h.
 
     Args:
         model: the robot.
-        beam: the panels' shape integrals.
+        beams: each panel's shape integrals.
         q: (n,) rigid coordinates [m, rad].
         qd: (n,) their rates [m/s, rad/s].
         qf: (n_p, n_f) elastic coordinates [m, rad].
@@ -85,13 +86,13 @@ def assemble(model: Model, beam: Beam, q: Array, qd: Array, qf: Array, qfd: Arra
     for i in range(n_p):
         elastic = slice(n + i * n_f, n + (i + 1) * n_f)
         J_f, Jd_qd = root_jacobian(model, q, qd, i)
-        panel = panel_equations(beam, q[2] + panel_angle(model, i), qd[2], qf[i], qfd[i])
+        panel = panel_equations(beams[i], q[2] + panel_angle(model, i), qd[2], qf[i], qfd[i])
         M[:n, :n] += J_f.T @ panel.m_rr @ J_f
         M[:n, elastic] = J_f.T @ panel.m_rf
         M[elastic, :n] = M[:n, elastic].T
         M[elastic, elastic] = panel.m_ff
         h[:n] += J_f.T @ (panel.m_rr @ Jd_qd - panel.Q_vr)
-        h[elastic] = panel.m_rf.T @ Jd_qd - panel.Q_vf + beam.K @ (qf[i] + model.eta * qfd[i])
+        h[elastic] = panel.m_rf.T @ Jd_qd - panel.Q_vf + beams[i].K @ (qf[i] + model.eta * qfd[i])
     return M, h
 
 

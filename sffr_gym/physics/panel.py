@@ -52,7 +52,7 @@ class Panels(NamedTuple):
 def panel_shapes(model):
     """Shapes of the :class:`Panels` of a robot."""
     n_p, n_m = model.omega2.shape
-    n_b = n_m if len(model.foreshortening.tip) else 0
+    n_b = n_m if model.foreshortening.tip.shape[1] else 0
     roots = Roots((n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,))
     return Panels(
         f=(n_p, n_m), turn=(n_p, n_m), along=(n_p, n_b), across=(n_p, n_b), bent=bent_shapes(model),
@@ -67,7 +67,7 @@ def condense(model, i, p, v, tau, yaw_rate, panels):
     p, v, tau: (n,) positions, velocities and generalised forces; yaw_rate: angular velocity of the root [rad/s].
     panels: :class:`Panels`, whose row ``i`` is written.
     """
-    if len(model.foreshortening.tip) > 0:
+    if model.foreshortening.tip.shape[1] > 0:
         condense_bent(model, i, p, v, tau, yaw_rate, panels)
         return
     n_a, n_m, start = model.n_axial, model.omega2.shape[1], first_mode(model, i)
@@ -134,7 +134,7 @@ def expand(model, i, ax, ay, alpha, full, panels, out):
     panels: :class:`Panels` after :func:`condense`.
     """
     f, turn, translation, start = panels.f[i], panels.turn[i], model.translation[i], first_mode(model, i)
-    if len(model.foreshortening.tip) > 0:
+    if model.foreshortening.tip.shape[1] > 0:
         for j in range(len(f)):
             force = f[j] if full else 0.0
             out[start + j] = force - panels.along[i, j] * ax - panels.across[i, j] * ay - turn[j] * alpha

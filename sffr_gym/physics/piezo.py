@@ -17,7 +17,7 @@ from sffr_gym.config.actuator_sections import Piezo
 from sffr_gym.config.params import Params
 from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import N_TIP, Modes, section_motion
-from sffr_gym.physics.model import panel_modes
+from sffr_gym.physics.each_panel import panel_modes
 from sffr_gym.types import Array
 
 
@@ -54,12 +54,12 @@ def authority(params: Params, array: str) -> tuple[Modes, Array]:
     """Return what an array can do: its forces on the modes of a clamped panel.
 
     Args:
-        params: the robot; its panel's elements and cuts decide the modes.
+        params: the robot, with a first panel whose elements and cuts decide the modes.
         array: ``generalized``, ``patches`` or ``tip``.
 
     Returns:
         The modes, and the modal force (n_m, n_c) of each channel for one volt [N / (kg^(1/2) V)].
     """
-    panel, modes = params.panel, panel_modes(params)
+    panel, modes = (params.panel.each or (params.panel,))[0], panel_modes(params)[0]
     gain, reach = channels(params.actuators.piezo.model_copy(update={"array": array}), panel, panel.elements)
     return modes, modes.shapes.T @ reach * gain

@@ -15,22 +15,13 @@ from sffr_gym.physics import monolithic
 from sffr_gym.physics.actuators import generalized_forces, pack_actuators, saturate
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.physics.dynamics import flexible_wrench
+from sffr_gym.physics.each_panel import panel_beams
 from sffr_gym.physics.energy import energy_of, momentum_of, natural_frequencies
 from sffr_gym.physics.initial import held_positions, initial_positions
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.linearization import LinearModel, linear_model
-from sffr_gym.physics.model import (
-    N_BASE,
-    Model,
-    joint_slice,
-    modal,
-    mode_slice,
-    nodal,
-    object_slice,
-    pack,
-    panel_beam,
-)
+from sffr_gym.physics.model import N_BASE, Model, joint_slice, modal, mode_slice, nodal, object_slice, pack
 from sffr_gym.physics.plant import Plant
 from sffr_gym.types import Array
 
@@ -94,7 +85,7 @@ class Simulator(Shown):
         self.params = (params or load_params()).with_overrides(*overrides)
         self.model = pack(self.params)
         self.actuators = pack_actuators(self.params, self.model)
-        self._beam = panel_beam(self.params)
+        self._beams = panel_beams(self.params)
 
     def _told(self) -> dict[str, object]:
         settings, (panels, modes) = self.params.simulation, self.model.omega2.shape
@@ -277,7 +268,7 @@ class Simulator(Shown):
     def _assembled(self, state: State) -> tuple[Array, Array]:
         if self.params.panel.foreshortening:
             raise ValueError("panel.foreshortening: Eqs. 45 and 48 are those of the linear panel; set it to false")
-        return monolithic.assemble(self.model, self._beam, state.q, state.qd, state.qf, state.qfd)
+        return monolithic.assemble(self.model, self._beams, state.q, state.qd, state.qf, state.qfd)
 
     def _duration(self, dt: float | None) -> float:
         """Return the duration of a step [s]; raise ValueError for what is none, or cannot be computed."""

@@ -13,6 +13,8 @@ Bending modes grow sooner but slowly, at ``a Omega^2 h / 4``: with steps of 0.29
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import expm
 
@@ -26,7 +28,7 @@ MOST_MODES = 100  # of all panels: the search for a stable step takes a minute, 
 TRIED_STEPS = 2.0 ** (-np.arange(48, -1, -1) / 4)  # of the configured longest step, rising
 
 
-def longest_stable_step(params: Params, shape: Beam, modes: Modes) -> float:
+def longest_stable_step(params: Params, beams: Sequence[Beam], modes: Sequence[Modes]) -> float:
     """Return the longest step [s] up to ``simulation.max_step`` that, as all shorter ones, lets no mode grow.
 
     Arms and object are left out: what they add to the base's inertia calms the coupling.
@@ -34,14 +36,14 @@ def longest_stable_step(params: Params, shape: Beam, modes: Modes) -> float:
     Raises:
         ConfigError: if there is none, as for panels without damping, or if the search would take too long.
     """
-    count = params.n_panels * len(modes.omega)
+    count = params.n_panels * len(modes[0].omega)
     if count > MOST_MODES:
         raise ConfigError(
             f"simulation.coupling = staggered: the panels have {count} modes, of which a stable step can be found for "
             f"at most {MOST_MODES}; take exact, fewer panel.elements, or lower panel.axial_cut and panel.bending_cut"
         )
-    omega2 = np.tile(modes.omega**2, params.n_panels)
-    C, eta = base_answer(params, shape, modes), params.panel.strain_rate_damping
+    omega2 = np.array([each.omega**2 for each in modes])[: params.n_panels].ravel()
+    C, eta = base_answer(params, beams, modes), params.panel.strain_rate_damping
     stable = 0.0
     for step in params.simulation.max_step * TRIED_STEPS:
         if growth_rate(omega2, eta, C, step) > FASTEST_GROWTH:
@@ -51,22 +53,22 @@ def longest_stable_step(params: Params, shape: Beam, modes: Modes) -> float:
         raise ConfigError(
             "simulation.coupling = staggered: the panels' late reaction is unstable with any step down to "
             f"{step:.1g} s; take exact, more panel.strain_rate_damping (now {eta:g} s), or a panel.axial_cut below the "
-            f"axial modes ({modes.omega[0]:.4g} rad/s)"
+            f"axial modes ({modes[0].omega[0]:.4g} rad/s)"
         )
     return stable
 
 
-def base_answer(params: Params, shape: Beam, modes: Modes) -> Array:
+def base_answer(params: Params, beams: Sequence[Beam], modes: Sequence[Modes]) -> Array:
     """Return C (n, n): the accelerations of all panels' modes, by way of the base alone, for unit forces on each."""
     H = np.diag([params.base.mass, params.base.mass, params.base.inertia])
-    m_rr = np.array([
-        [shape.mass, 0.0, 0.0],
-        [0.0, shape.mass, shape.first_moment],
-        [0.0, shape.first_moment, shape.second_moment],
-    ])  # fmt: skip
-    m_rf = np.stack([shape.S_x, shape.S_y, shape.c_y]) @ modes.shapes
     answers = []
-    for mount in params.panel.mounts:
+    for mount, beam, own in zip(params.panel.mounts, beams, modes, strict=False):
+        m_rr = np.array([
+            [beam.mass, 0.0, 0.0],
+            [0.0, beam.mass, beam.first_moment],
+            [0.0, beam.first_moment, beam.second_moment],
+        ])  # fmt: skip
+        m_rf = np.stack([beam.S_x, beam.S_y, beam.c_y]) @ own.shapes
         (x, y), c, s = mount.root, np.cos(mount.angle), np.sin(mount.angle)
         J_f = np.array([[c, s, s * x - c * y], [-s, c, c * x + s * y], [0.0, 0.0, 1.0]])
         H += J_f.T @ (m_rr - m_rf @ m_rf.T) @ J_f

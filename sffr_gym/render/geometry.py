@@ -58,7 +58,7 @@ def arm_line(model: Model, p: Array, arm: int) -> Array:
 
 def panel_line(model: Model, params: Params, p: Array, panel: int, factor: float = 1.0, points: int = 24) -> Array:
     """Return a panel's centre line (about ``points``, 2) [m], inertial axes, its deflection times ``factor``."""
-    x, U, W = panel_shapes(params.panel.length, params.panel.elements, points)
+    x, U, W = panel_shapes(params.panel.each[panel].length, params.panel.elements, points)
     q_f = nodal(model, p[mode_slice(model)])[panel]
     local = np.column_stack([x + U @ q_f, factor * (W @ q_f)])
     return place_in_panel(model, p, panel, local)

@@ -135,7 +135,7 @@ class Renderer:
         """Return the viewport with the robot in the middle, and room for its panels in every direction."""
         model = self.model
         arms = [np.hypot(*mount) for mount in model.arm_mount] or [0.0]
-        panels = np.hypot(*model.panel_root.T) + self.params.panel.length if len(model.panel_root) else [0.0]
+        panels = np.hypot(*model.panel_root.T) + model.panel_length if len(model.panel_root) else [0.0]
         reach = max(np.max(panels), np.max(arms) + 1.0, self.params.base.side)
         height = self._bottom - self._top
         middle = np.array([self.style.size / 2, self._top + height / 2])
@@ -166,7 +166,7 @@ class Renderer:
         draw_plumes(canvas, viewport, params, p, thrust, self._scales.thrust)
         for i in range(len(model.panel_root)):
             draw_dashed_panel(canvas, viewport, model, params, calm, i, factor)
-            draw_swing(canvas, viewport, model, p, i, params.panel.length, ends[:, i], SIDES[i % len(SIDES)])
+            draw_swing(canvas, viewport, model, p, i, ends[:, i], SIDES[i % len(SIDES)])
             draw_panel(canvas, viewport, model, params, p, i, factor, volts[i])
         draw_base(canvas, viewport, params, p)
         for i, arm in sorted(enumerate(params.arms), key=lambda each: each[0] in model.grasp_arm):

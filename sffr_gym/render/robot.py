@@ -84,10 +84,11 @@ def draw_dashed_panel(
 
 
 def draw_swing(
-    canvas: Canvas, viewport: Viewport, model: Model, p: Array, panel: int, length: float, ends: Array, colour: Colour
+    canvas: Canvas, viewport: Viewport, model: Model, p: Array, panel: int, ends: Array, colour: Colour
 ) -> None:
     """Draw a bar beyond a panel's tip from the one to the other of the drawn deflections ``ends`` (2,) [m]."""
-    bar = np.array([[length + 0.25, ends[0]], [length + 0.25, ends[1]]])
+    beyond = model.panel_length[panel] + 0.25
+    bar = np.array([[beyond, ends[0]], [beyond, ends[1]]])
     across = np.array([[-0.11, 0.0], [0.11, 0.0]])
     for points, width in (bar, 4.0), (bar[0] + across, 2.5), (bar[1] + across, 2.5):
         canvas.line(viewport(place_in_panel(model, p, panel, points)), colour, width * viewport.unit)

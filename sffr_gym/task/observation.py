@@ -59,7 +59,8 @@ def observation_fields(model: Model, params: Params) -> dict[str, Field]:
     limits = params.limits
     n_l, n_p, n_g, n_h = len(model.link_mass), len(model.panel_root), len(model.grasp_arm), len(held_joints(model))
     n_o = N_BASE if model.object_mass > 0 else 0
-    tip, bends = params.panel.length, int(params.path.kind != "circle")  # whose motion is not all in velocity and turn
+    tip = max((panel.length for panel in params.panel.each), default=params.panel.length)
+    bends = int(params.path.kind != "circle")  # whose motion is not all in velocity and turn
     spans: list[tuple[str, int, str, float]] = [
         ("base_error", 2, "m", limits.position), ("yaw_error", 1, "rad", limits.angle),
         ("base_error_rate", 2, "m/s", limits.velocity), ("yaw_error_rate", 1, "rad/s", limits.rate),

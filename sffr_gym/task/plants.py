@@ -1,8 +1,8 @@
 """Plants of episodes: what a scenario's draws make of the robot that its controllers believe in.
 
-Drawn in this order, each only if the scenario draws it: factors of object, EI, panel mass, the links one by one, piezos
-and thrusters; whether thrusters are on or off, and how long at least; lags of piezos, thrusters and joints; steps of
-piezos, thrust, thruster torque and joints. What was drawn makes the same plant again.
+Drawn in this order, each only if the scenario draws it: factors of object, EI, panel mass, each panel, each link,
+piezos and thrusters; whether thrusters are on or off, and how long at least; lags of piezos, thrusters and joints;
+steps of piezos, thrust, thruster torque and joints. What was drawn makes the same plant again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from sffr_gym.config.actuator_sections import Actuators
 from sffr_gym.config.params import Params
 from sffr_gym.config.ranges import LARGEST_CUT
-from sffr_gym.config.sections import Arm, Panel
+from sffr_gym.config.sections import Arm, Panel, PanelMount
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.task.scenario import Scenario
 
@@ -37,6 +37,9 @@ def draw_plant(scenario: Scenario, plant: Params, rng: np.random.Generator, draw
         drawn["EI_factor"] = rng.uniform(*factors.EI)
     if factors.panel_mass is not None:
         drawn["panel_mass_factor"] = rng.uniform(*factors.panel_mass)
+    for mount in plant.panel.mounts:
+        for key, ends in factors.each_panel.drawn().items():
+            drawn[_panel_factor(mount, key)] = rng.uniform(*ends)
     if factors.link_mass is not None:
         for arm in plant.arms:
             drawn |= {_link_factor(arm, k): rng.uniform(*factors.link_mass) for k in range(len(arm.links))}
@@ -52,6 +55,26 @@ def draw_plant(scenario: Scenario, plant: Params, rng: np.random.Generator, draw
     for name, ends in factors.quantisation.drawn().items():
         drawn[f"{name}_step_{_UNITS[name]}"] = rng.uniform(*ends)
     return _scaled(plant, drawn)
+
+
+class _End(np.random.Generator):
+    """Random numbers that lie at one end of their interval: the lower at 0, the upper at 1."""
+
+    end = 0
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """Return the end."""
+        return high if self.end else low
+
+
+def extreme_plants(scenario: Scenario, plant: Params) -> list[Params]:
+    """Return the plants that a scenario draws if all that is drawn lies at its lower end, or all at its upper one."""
+    plants = []
+    for end in (0, 1):
+        rng = _End(np.random.PCG64(0))
+        rng.end = end
+        plants.append(draw_plant(scenario, plant, rng, {}))
+    return plants
 
 
 def drawn_plant(params: Params, drawn: Drawn) -> Params:
@@ -87,6 +110,8 @@ def _scaled(prior: Params, drawn: Drawn) -> Params:
 def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
     """Return the panels with drawn stiffness and mass.
 
+    What was drawn of a panel by itself becomes its mount's.
+
     The mode cuts go with the clamped frequencies, bending ones by ``sqrt(EI / mass)`` and axial ones by
     ``sqrt(1 / mass)``, so that every plant has the modes of the prior.
     """
@@ -97,7 +122,23 @@ def _scaled_panel(panel: Panel, drawn: Drawn) -> Panel:
         "bending_cut": min(np.sqrt(stiffness / mass) * panel.bending_cut, LARGEST_CUT),
         "axial_cut": min(np.sqrt(1.0 / mass) * panel.axial_cut, LARGEST_CUT),
     }
-    return panel.model_copy(update={name: float(value) for name, value in scaled.items()})
+    changes: dict[str, Any] = {name: float(value) for name, value in scaled.items()}
+    common = {"EI": stiffness, "mass": mass, "length": 1.0}
+    changes["mounts"] = tuple(_scaled_mount(panel, mount, common, drawn) for mount in panel.mounts)
+    return panel.model_copy(update=changes)
+
+
+def _scaled_mount(panel: Panel, mount: PanelMount, common: dict[str, float], drawn: Drawn) -> PanelMount:
+    """Return a mount with what its panel has of its own, once common factors and those drawn for it have acted."""
+    own = {}
+    for key, factor in common.items():
+        drawn_factor = drawn.get(_panel_factor(mount, key))
+        if drawn_factor is not None:
+            before = mount.own.get(key, getattr(panel, key))
+            own[key] = factor * drawn_factor * before
+        elif key in mount.own:
+            own[key] = factor * mount.own[key]
+    return mount.model_copy(update=own) if own else mount
 
 
 def _scaled_actuators(actuators: Actuators, drawn: Drawn) -> Actuators:
@@ -129,6 +170,11 @@ def _scaled_arm(arm: Arm, drawn: Drawn) -> Arm:
         factor = drawn.get(_link_factor(arm, k), 1.0)
         links.append(link.model_copy(update={"mass": factor * link.mass, "inertia": factor * link.inertia}))
     return arm.model_copy(update={"links": tuple(links)})
+
+
+def _panel_factor(mount: PanelMount, key: str) -> str:
+    """Return the name of the factor that is drawn of a panel's mass, length or EI."""
+    return f"{mount.name}_panel_{key}_factor"
 
 
 def _link_factor(arm: Arm, k: int) -> str:

@@ -72,6 +72,14 @@ class Draws(Section):
         return {name: ends for name in type(self).model_fields if (ends := getattr(self, name)) is not None}
 
 
+class PanelDraws(Draws):
+    """Factors on what a panel has, drawn for each panel."""
+
+    mass: Factor | None = Field(default=None, description="mass of a panel [-]")
+    length: Factor | None = Field(default=None, description="length of a panel [-]")
+    EI: Factor | None = Field(default=None, description="bending stiffness of a panel [-]")
+
+
 class LagDraws(Draws):
     """Time constants of actuators that lag behind, one for each group."""
 
@@ -94,8 +102,9 @@ class PlantFactors(Section):
 
     settings: Changes = Field(default=(), description="assignments such as panel.elements=8, unknown to controllers")
     object: Factor | None = Field(default=None, description="mass and inertia of the object, one factor for both [-]")
-    EI: Factor | None = Field(default=None, description="bending stiffness of the panels [-]")
-    panel_mass: Factor | None = Field(default=None, description="mass of the panels [-]")
+    EI: Factor | None = Field(default=None, description="bending stiffness of all panels [-]")
+    panel_mass: Factor | None = Field(default=None, description="mass of all panels [-]")
+    each_panel: PanelDraws = Field(default=PanelDraws(), description="what each panel has of its own")
     link_mass: Factor | None = Field(default=None, description="mass and inertia of each link, drawn for each [-]")
     piezo: Factor | None = Field(default=None, description="force and moment of the piezos at full voltage [-]")
     thruster: Factor | None = Field(default=None, description="limits of the thrusters [-]")

@@ -72,7 +72,8 @@ def status_of(task, p, v, work, obs):
         outcome = where(_gap(model, g, p, v, cp, sp, work) > limits.gap, GRASP_LOST, outcome)
         outcome = where(_elbow(model, model.grasp_arm[g], work.links) < limits.elbow, ARM_SINGULAR, outcome)
     for i in range(model.omega2.shape[0]):
-        outcome = where(abs(tip_deflection(task.actuators, model, i, p)) > limits.tip, TIP_RANGE, outcome)
+        tip = abs(tip_deflection(task.actuators, model, i, p))
+        outcome = where(tip > limits.tip * model.panel_length[i], TIP_RANGE, outcome)
     return outcome
 
 

@@ -22,7 +22,7 @@ from sffr_gym.types import Array, IntArray
 class Limits(NamedTuple):
     """The model's range."""
 
-    tip: float  #: largest transverse tip displacement of a panel [m]
+    tip: float  #: largest transverse tip displacement, as a part of the panel's length [-]
     elbow: float  #: smallest ``|sin|`` of a grasping arm's elbow [-]
     gap: float  #: largest distance of a gripper from its grasp point [m]
 
@@ -67,7 +67,7 @@ def make_task_model(params: Params) -> TaskModel:
         period=period,
         steps=steps_in(model, period),
         integrator=INTEGRATORS[params.simulation.integrator],
-        limits=Limits(limits.tip * params.panel.length, limits.arm_singularity, limits.grasp_gap),
+        limits=Limits(limits.tip, limits.arm_singularity, limits.grasp_gap),
         scale=actuators.rated.copy(),
         at=observation_index(fields),
         reference=N_REFERENCE + len(model.link_mass) + params.path.pieces.size,

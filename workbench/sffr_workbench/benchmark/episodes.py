@@ -13,6 +13,7 @@ import itertools
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ import sffr_gym
 from sffr_baselines.laws import LawPolicy, OraclePolicy
 from sffr_baselines.own_files import own_name
 from sffr_baselines.own_law import UnfitError
-from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title
+from sffr_baselines.policies import Policy, check_titles, make_policy, policy_title, warn_of_instability
 from sffr_baselines.rollout import SIDE_BY_SIDE, result_of, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
@@ -157,6 +158,7 @@ def run_episodes(
     found = {task: read_row(file, task, titles[task.scenario]) for task, file in files.items() if os.path.lexists(file)}
     pending = {task: file for task, file in files.items() if task not in found}
     done, total = len(found), len(files)
+    _warn_of_instability(pending, plan.params)
     progress(plan.scenarios[0], done, total)
     try:
         for task in _finish(pending, plan.params, jobs, backend or Backend(), device):
@@ -170,6 +172,15 @@ def run_episodes(
         ) from None
     found |= {task: read_row(file, task, titles[task.scenario]) for task, file in pending.items()}
     return [found[task] for task in plan.tasks]
+
+
+def _warn_of_instability(pending: Iterable[Task], params: Params) -> None:
+    """Warn of laws that are unstable on the plant of a scenario that is not the robot which they believe in."""
+    pairs = dict.fromkeys((task.policy, task.scenario) for task in pending)
+    for name, scenario in pairs:
+        if load_scenario(scenario).changes_model:
+            with suppress(UnfitError):  # told where it is run
+                warn_of_instability(_policy(name, scenario, params), _environment(scenario, params))
 
 
 def run_tasks(tasks: Sequence[Task], params: Params) -> list[Result]:

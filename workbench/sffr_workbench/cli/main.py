@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
+from typing import Any
 
 INTERRUPTED = 130  # exit code after SIGINT, as shells have it
 
 
+def _one_line(message: Warning | str, *_: Any, **__: Any) -> str:
+    """Return a warning as users read it, without the code that gave it."""
+    return f"warning: {message}\n"
+
+
 def main() -> None:
     """Run a command; what it was doing when an interrupt came is left as a killed process leaves it."""
+    warnings.formatwarning = _one_line
     try:
         from sffr_workbench.cli.app import app  # takes half a second, in which somebody may change their mind
 

@@ -14,7 +14,15 @@ import numpy as np
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import file_hash
 from sffr_baselines.own_law import UnfitError
-from sffr_baselines.policies import POLICIES, Policy, check_titles, make_policy, policy_file, policy_title
+from sffr_baselines.policies import (
+    POLICIES,
+    Policy,
+    check_titles,
+    make_policy,
+    policy_file,
+    policy_title,
+    warn_of_instability,
+)
 from sffr_baselines.rollout import STRIDE, Trajectory, result_of, rollout, rollouts
 from sffr_gym import ConfigError, Params
 from sffr_gym.config.arguments import check_arguments
@@ -156,6 +164,9 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
     started, clock = datetime.now(UTC), time.perf_counter()
     progress(plan.policies[0].name, 0, 0)
     env = SFFRFlexEnv(scenario=plan.scenario, params=plan.params)
+    if plan.scenario.changes_model:  # else the plan has looked at it
+        for policy in plan.policies:
+            warn_of_instability(policy, env)
     env.reset(seed=plan.seed)
     episodes = plan.episodes or (DEFAULT_EPISODES if env.episode.drawn else 1)
     ends = np.cumsum([0, *(_length(env, plan.seed + i) for i in range(episodes))]).tolist()

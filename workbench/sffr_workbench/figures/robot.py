@@ -32,7 +32,8 @@ def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
     from matplotlib.figure import Figure
 
     bends = np.abs(tip_deflections(model, trajectory.p)).max(axis=1, initial=0.0)
-    largest = LARGEST * params.panel.length
+    longest = max((panel.length for panel in params.panel.each), default=params.panel.length)
+    largest = LARGEST * longest
     factor = max(n for n in FACTORS if n == 1 or n * bends.max() <= largest)
     way = np.hypot(*np.diff(trajectory.p[:, :2], axis=0).T).sum()
     count, rows = int(np.clip(way / APART, 1, MAX_ROBOTS)), len(trajectory.p)
@@ -52,7 +53,7 @@ def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
     title = f"{plain(trajectory.policy)}, {plain(trajectory.scenario)}"
     title += f"\npanel deflections \u00d7{factor}" if params.panel.mounts else ""
     reference = trajectory.reference
-    if on_circle(reference) and reference.radius > 2.5 * params.panel.length:  # there is room in the middle
+    if on_circle(reference) and reference.radius > 2.5 * longest:  # there is room in the middle
         whole.legend(loc="center", title=title)
     else:
         figure.legend(*whole.get_legend_handles_labels(), loc="outside upper left", ncols=3, title=title)

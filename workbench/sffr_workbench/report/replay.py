@@ -44,7 +44,7 @@ def robot_data(recording: Recording) -> dict[str, Any]:
     params, reference = recording.plant, recording.reference
     model, track = pack(params), track_of(reference)
     scales = force_scales(params, model)
-    x, _, W = panel_shapes(params.panel.length, params.panel.elements, POINTS)
+    lines = [panel_shapes(panel.length, params.panel.elements, POINTS) for panel in params.panel.each]
     bounds = zip(model.arm_first, model.arm_first[1:], strict=False)
     return {
         "side": params.base.side,
@@ -57,11 +57,11 @@ def robot_data(recording: Recording) -> dict[str, Any]:
         ],
         "panels": [
             {
-                "name": mount.name, "root": root.tolist(), "axis": axis.tolist(), "length": params.panel.length,
+                "name": mount.name, "root": root.tolist(), "axis": axis.tolist(), "length": float(x[-1]),
                 "x": x.tolist(), "shapes": (W @ shapes).round(9).tolist(),  # deflection at x for a unit of each mode
             }
-            for mount, root, axis, shapes in zip(
-                params.panel.mounts, model.panel_root, model.panel_axis, model.shapes, strict=True
+            for mount, root, axis, shapes, (x, _, W) in zip(
+                params.panel.mounts, model.panel_root, model.panel_axis, model.shapes, lines, strict=True
             )
         ],
         "faces": 1 if params.actuators.piezo.array == "generalized" else 2,

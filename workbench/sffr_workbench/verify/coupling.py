@@ -16,10 +16,11 @@ from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.dynamics import work_shapes
+from sffr_gym.physics.each_panel import panel_beams
 from sffr_gym.physics.energy import energy_of
 from sffr_gym.physics.integrator import INTEGRATORS
 from sffr_gym.physics.kinematics import arm_points, rotation
-from sffr_gym.physics.model import N_BASE, Model, modal, mode_slice, nodal, panel_beam, tip_rows
+from sffr_gym.physics.model import N_BASE, Model, modal, mode_slice, nodal, tip_rows
 from sffr_gym.physics.plant import Plant, evaluate
 from sffr_gym.physics.simulator import Simulator, State
 from sffr_gym.types import Array
@@ -30,6 +31,9 @@ ALL_MODES = ("panel.axial_cut=1.0e+9", "panel.bending_cut=1.0e+9")
 OTHER_ROBOT = (  # another structure: a single slanted panel, mounts and angles that are not special
     "panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]",
     "arms.0.mount_angle=0.4", "arms.2.links.0.com=0.1",
+)  # fmt: skip
+UNLIKE = (  # panels that differ from each other and from what the section has
+    "panel.mounts.0.mass=6.0", "panel.mounts.0.EI=31.0", "panel.mounts.1.length=2.7", "panel.mounts.1.mass=11.0",
 )  # fmt: skip
 OFF_CENTRE = ("object.grasps.0.point=[0.05, 0.11]", "object.grasps.1.point=[0.03, -0.1]")  # both beside the y axis
 
@@ -54,6 +58,7 @@ def checks(quick: bool) -> list[partial[Check]]:
         ("three elements", load_params().with_overrides(*ALL_MODES, "panel.elements=3")),
         ("object held beside its centre", load_params().with_overrides(*ALL_MODES, *OFF_CENTRE)),
         ("one element, no object", load_params().with_overrides(*ALL_MODES, "object=null")),
+        ("panels that differ", load_params().with_overrides(*ALL_MODES, "panel.elements=2", *UNLIKE)),
         ("another robot", load_params().with_overrides(*ALL_MODES, "panel.elements=2", "object=null", *OTHER_ROBOT)),
     ]
     listed = [partial(solution, name, params, states) for name, params in robots]
@@ -140,7 +145,7 @@ def panel_forces(states: int) -> Check:
         for i in range(2):
             J_f, Jd_qd = monolithic.root_jacobian(sim.model, state.q, state.qd, i)
             delta = state.q[2] + params.panel.mounts[i].angle
-            p = monolithic.panel_equations(panel_beam(sim.params), delta, state.qd[2], state.qf[i], state.qfd[i])
+            p = monolithic.panel_equations(panel_beams(sim.params)[i], delta, state.qd[2], state.qf[i], state.qfd[i])
             Q_e = p.m_rr @ (J_f @ qdd + Jd_qd) + p.m_rf @ qfdd[i] - p.Q_vr
             V[i], M[i] = rotation(delta).T @ Q_e[:2], Q_e[2]
         (V1L, V2L), (V1R, V2R) = V
@@ -157,8 +162,8 @@ def foreshortened(states: int, step: float = 1.0e-4) -> Check:
     The momenta are derivatives of the energy by the velocities, exact by differences since it is quadratic in them;
     along the motion they change as the Lagrangian does with the coordinates.
     """
-    sim = Simulator(load_params().with_overrides("panel.foreshortening=true", "panel.elements=2", *OTHER_ROBOT[:1]))
-    sim = Simulator(sim.params.with_overrides("object=null", "panel.strain_rate_damping=0"))
+    robot = load_params().with_overrides("panel.foreshortening=true", "panel.elements=2", *UNLIKE)
+    sim = Simulator(robot.with_overrides("object=null", "panel.strain_rate_damping=0"))
     model, directions, worst = sim.model, np.eye(sim.model.at.end), 0.0
 
     def by_velocity(p: Array, v: Array) -> Array:
@@ -188,7 +193,7 @@ def foreshortened(states: int, step: float = 1.0e-4) -> Check:
 def monolithic_solution(sim: Simulator, state: State, command: dict[str, Array]) -> Solution:
     """Solve ``M zdd + h = Q + J' lam`` with the pins ``J [zdd, objdd] + Jd zd = 0`` as one linear system."""
     model, n = sim.model, len(state.q)
-    M, h = monolithic.assemble(model, panel_beam(sim.params), state.q, state.qd, state.qf, state.qfd)
+    M, h = monolithic.assemble(model, panel_beams(sim.params), state.q, state.qd, state.qf, state.qfd)
     Q = np.zeros(len(M))
     base = command["wrench"]
     Q[:2], Q[2], Q[3:n] = rotation(state.q[2]) @ base[:2], base[2], command["joints"]

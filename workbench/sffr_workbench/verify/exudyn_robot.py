@@ -15,6 +15,7 @@ import numpy as np
 from exudyn import itemInterface as item
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.types import Array
@@ -95,7 +96,8 @@ def _build(params: Params, elements: int) -> Robot:
     load = system.AddLoad(item.LoadForceVector(markerNumber=centre, loadVector=[0, 0, 0]))
     moment = system.AddLoad(item.LoadTorqueVector(markerNumber=centre, loadVector=[0, 0, 0]))
     ends, torques = _add_arms(system, params, base, start.q)
-    tips = [_add_panel(system, params, base, start.q, mount, elements) for mount in params.panel.mounts]
+    panels = zip(params.panel.each, params.panel.mounts, strict=True)
+    tips = [_add_panel(system, panel, base, start.q, mount, elements) for panel, mount in panels]
     obj, grasps = None, []
     if params.object is not None and start.obj is not None:
         body, node = _body(system, params.object.mass, params.object.inertia, start.obj)
@@ -156,9 +158,8 @@ def _torque(system: Any, body: int) -> int:
     return system.AddLoad(item.LoadTorqueVector(markerNumber=marker, loadVector=[0, 0, 0]))
 
 
-def _add_panel(system: Any, params: Params, base: int, q: Array, mount: Any, elements: int) -> int:
+def _add_panel(system: Any, panel: Panel, base: int, q: Array, mount: Any, elements: int) -> int:
     """Add a straight panel clamped to the base, and return the node at its tip."""
-    panel = params.panel
     size, angle = panel.length / elements, q[2] + mount.angle
     along = np.array([np.cos(angle), np.sin(angle)])
     root = q[:2] + rotation(q[2]) @ mount.root

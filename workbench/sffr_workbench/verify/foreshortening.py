@@ -16,8 +16,9 @@ import numpy as np
 from sffr_gym.config.params import Params
 from sffr_gym.physics import monolithic
 from sffr_gym.physics.beam import N_TIP
+from sffr_gym.physics.each_panel import panel_modes
 from sffr_gym.physics.kinematics import rotation
-from sffr_gym.physics.model import Model, pack, panel_modes
+from sffr_gym.physics.model import Model, pack
 from sffr_gym.types import Array
 from sffr_workbench.verify.motion import RECORD, Motion, Piece, stack
 
@@ -65,7 +66,7 @@ def simulate(params: Params, pieces: Sequence[Piece], geometric: bool = True) ->
 
 
 def _panel(params: Params) -> Panel:
-    panel, modes = params.panel, panel_modes(params)
+    panel, modes = params.panel, panel_modes(params)[0]
     kept = modes.shapes[:, modes.n_axial :]
     nodes = np.vstack([np.zeros((N_TIP, kept.shape[1])), kept])
     size = panel.length / panel.elements

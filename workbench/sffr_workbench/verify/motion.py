@@ -87,8 +87,8 @@ def panel_displacement(params: Params, base: Array, tips: Array) -> Array:
     local = (tips - base[:2]) @ rotation(base[2])
     mounts = params.panel.mounts
     return np.array([
-        rotation(mount.angle).T @ (point - mount.root) - [params.panel.length, 0.0]
-        for mount, point in zip(mounts, local, strict=True)
+        rotation(mount.angle).T @ (point - mount.root) - [panel.length, 0.0]
+        for mount, panel, point in zip(mounts, params.panel.each, local, strict=True)
     ]).reshape(-1, 2)  # fmt: skip
 
 

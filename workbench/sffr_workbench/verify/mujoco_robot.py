@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from sffr_gym.config.params import Params
+from sffr_gym.config.sections import Panel
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.types import Array
 from sffr_workbench.verify.motion import RECORD, Motion, Piece, panel_displacement, stack
@@ -98,8 +99,8 @@ def _build(params: Params, segments: int, softness: float, step: float) -> Any:
             _hinge(parent, f"{arm.name} {k}")
             place, angle = (link.length, 0.0), 0.0
         parent.add_site(name=f"end {arm.name}", pos=[*place, 0])
-    for i, mount in enumerate(params.panel.mounts):
-        _add_panel(params, base, mount, i, segments)
+    for i, (mount, panel) in enumerate(zip(params.panel.mounts, params.panel.each, strict=True)):
+        _add_panel(panel, base, mount, i, segments)
     if params.object is not None:
         held = _floating(spec, "object", OBJECT_JOINTS, params.object.mass, params.object.inertia)
         for g, grasp in enumerate(params.object.grasps):
@@ -135,9 +136,9 @@ def _hinge(body: Any, name: str, stiffness: float = 0.0) -> None:
     body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1], stiffness=stiffness)
 
 
-def _add_panel(params: Params, base: Any, mount: Any, index: int, segments: int) -> None:
+def _add_panel(panel: Panel, base: Any, mount: Any, index: int, segments: int) -> None:
     """Add half a segment fixed to the base, whole ones between the hinges, half a segment at the tip."""
-    panel, size = params.panel, params.panel.length / segments
+    size = panel.length / segments
     parent, place, angle = base, mount.root, mount.angle
     for k in range(segments + 1):
         length = size if 0 < k < segments else size / 2

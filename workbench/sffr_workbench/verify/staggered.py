@@ -9,8 +9,9 @@ import numpy as np
 
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params, load_params
+from sffr_gym.physics.each_panel import panel_beams, panel_modes
 from sffr_gym.physics.integrator import INTEGRATORS, step_shapes
-from sffr_gym.physics.model import pack, panel_beam, panel_modes
+from sffr_gym.physics.model import pack
 from sffr_gym.physics.plant import advance_plant
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.physics.staggered import base_answer, growth_rate, longest_stable_step
@@ -44,8 +45,8 @@ def convergence(seconds: float) -> Check:
     ]
     ratio = _cost(whole, "staggered") / _cost(whole, "exact")
     finer = errors["staggered"][1][0] / short[0] * long[0] / errors["exact"][1][0]
-    shape = panel_beam(whole)
-    limit = longest_stable_step(whole, shape, panel_modes(whole))
+    beams = panel_beams(whole)
+    limit = longest_stable_step(whole, beams, panel_modes(whole))
     picture = CheckFigure(
         "Staggered coupling: Fig. 1 converges to the exact solution, in first order",
         f"Largest distance of the tips from the exact coupling at 0.05 ms, in {seconds:g} s of free motion. The axial "
@@ -64,9 +65,9 @@ def convergence(seconds: float) -> Check:
 def growth() -> Check:
     """Check the growth of vibration beyond the longest stable step, against the rate that its limit is derived from."""
     params = load_params().with_overrides(*ALONE)
-    shape = panel_beam(params)
+    beams = panel_beams(params)
     modes = panel_modes(params)
-    omega2, C = np.tile(modes.omega**2, params.n_panels), base_answer(params, shape, modes)
+    omega2, C = np.concatenate([each.omega**2 for each in modes]), base_answer(params, beams, modes)
     expected = [growth_rate(omega2, params.panel.strain_rate_damping, C, step) for step in UNSTABLE]
     found = [_measured_growth(params, step) for step in UNSTABLE]
     worst = max(abs(a / b - 1.0) for a, b in zip(found, expected, strict=True))
