@@ -59,7 +59,7 @@ def test_numbers_of_numpy_are_durations(value):
 def test_an_episode_without_an_end_is_refused_at_the_construction():
     """Once around a circle as large as an orbit takes for ever."""
     with pytest.raises(
-        ConfigError, match=r"^nominal: duration: an episode of 7.39e\+06 s, once around .* 4e\+09 control"
+        ConfigError, match=r"^nominal: duration: an episode of 7.39e\+06 s, once along a circle, .* 4e\+09 control"
     ):
         SFFRFlexDampingEnv("nominal", overrides=["path.radius=1.0e6"], duration=None)
     SFFRFlexDampingEnv("nominal", overrides=["path.radius=1.0e6"])

@@ -23,7 +23,7 @@ sffr_gym/physics/dynamics.py flexible_wrench: y * bx
 sffr_gym/physics/etdrk4.py _quadratic_forcing: second / mu2
 sffr_gym/task/signals.py measure_state: turn2 * first_x
 baselines/sffr_baselines/mic.py _inverse_dynamics: com * (turn * c - w2 * s)
-baselines/sffr_baselines/suppression.py suppress: 2.0 * yaw_rate * law.gyroscopic[k, j] * obs[qd + j]
+baselines/sffr_baselines/suppression.py suppress: 2.0 * yaw_rate * law.gyroscopic[i, k, j] * obs[qd + j]
 baselines/sffr_baselines/regulator.py root_acceleration: turn
 configs/sffr.yaml panel.mounts: 1.5707963267948966
 configs/sffr.yaml panel.mounts: -1.5707963267948966

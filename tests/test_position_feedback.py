@@ -174,6 +174,10 @@ def test_it_calms_the_robots_panels(scenario):
 def test_on_bonded_pairs_it_alone_bears_modes_that_nobody_knows():
     """With pairs near the root of a panel of four elements the other laws feed a third mode, up to their limits."""
     env = SFFRFlexEnv("patches", overrides=["panel.elements=4"])
-    failures = {name: result_of(rollout(env, make_policy(name, env), 1)).failure for name in ("ahsc", "lqr", "ppf-ff")}
+    failures = {"ppf-ff": result_of(rollout(env, make_policy("ppf-ff", env), 1)).failure}
+    for name in "ahsc", "lqr":
+        with pytest.warns(UserWarning, match=f"{name} is unstable on .*mode"):
+            policy = make_policy(name, env)
+        failures[name] = result_of(rollout(env, policy, 1)).failure
     assert failures.pop("ppf-ff") == ""
     assert all("saturated actuators keep the panels swinging" in failure for failure in failures.values())

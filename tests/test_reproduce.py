@@ -98,10 +98,10 @@ def test_integral_of_a_known_motion():
     q[: len(leg), 0, 1], q[len(leg) :, 0, 1] = leg, 1.0
     q[len(leg) :, 0, 2] = 2.0 * leg
     law = SimpleNamespace(
-        Gamma=np.array([1.0, 10.0, 15.0]), M_inv=np.array([[1.0, 0, 0], [0, 2.0, 0.5], [0, 0.5, 3.0]])
+        Gamma=np.array([1.0, 10.0, 15.0]), M_inv=np.array([[[1.0, 0, 0], [0, 2.0, 0.5], [0, 0.5, 3.0]]])
     )
     middle, step = (q[1:] + q[:-1]) / 2, np.diff(q, axis=0)
-    change = np.concatenate([np.zeros((1, 1, 3)), np.cumsum(law.Gamma * step * (middle @ law.M_inv), axis=0)])
+    change = np.concatenate([np.zeros((1, 1, 3)), np.cumsum(law.Gamma * step * (middle @ law.M_inv[0]), axis=0)])
     trajectory = SimpleNamespace(
         t=np.arange(len(q)), obs=q[:, 0], fields={"elastic": SimpleNamespace(slice=slice(0, 3))}, B_hat=5.0 + change
     )

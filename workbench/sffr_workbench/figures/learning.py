@@ -163,7 +163,7 @@ def _decisions(schedule: LearnedSchedule, params: Params, tip: float, phase: Arr
         phase: (n,) of the swing [rad].
     """
     law = schedule.policy(params).law.schedule
-    amplitude = law.omega[0] * tip / np.linalg.inv(law.modes)[0, 0]  # its square is twice the energy
+    amplitude = law.omega[0, 0] * tip / np.linalg.inv(law.modes[0])[0, 0]  # its square is twice the energy
     place = np.linspace(-0.5 * np.pi, 0.5 * np.pi, PLACES)[:, None]  # the others are mirror images
     seen = np.zeros((PLACES, len(phase), len(schedule.obs_names)))
     names = [name for name, _ in FEATURES]

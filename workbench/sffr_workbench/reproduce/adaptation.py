@@ -41,8 +41,8 @@ def adaptation_integral(trajectory: Trajectory, law: Suppression) -> AdaptationI
         law: its gains and its model of a panel.
     """
     q = trajectory.obs[:, trajectory.fields["elastic"].slice].reshape(len(trajectory.t), -1, N_TIP)
-    potential = 0.5 * np.einsum("tpj,jk,tpk->tp", q, law.M_inv, q)
-    own = 0.5 * law.Gamma * np.diag(law.M_inv) * q**2
+    potential = 0.5 * np.einsum("tpj,pjk,tpk->tp", q, law.M_inv, q)
+    own = 0.5 * law.Gamma * np.diagonal(law.M_inv, axis1=1, axis2=2) * q**2
     change = trajectory.B_hat - trajectory.B_hat[0]
     return AdaptationIntegral((change / law.Gamma).sum(axis=-1), potential - potential[0], change, own - own[0])
 

@@ -141,7 +141,7 @@ def operations() -> dict[str, dict[str, int]]:
         "equations": lambda: accelerations(model, p, v, tau, inner, out, False, True),
         "step": lambda: advance(model, p, v, tau, plant.period, 1, plant.integrator, period.step),
         "view": lambda: observe_state(plant, reference, Counted(0.1), p, v, period, obs, signals),
-        "law": lambda: (perceive(law, obs, state, work), control(law, state, work, command)),
+        "law": lambda: (perceive(law, Counted(0.0), obs, state, work), control(law, state, work, command)),
         "plant": lambda: control_period(
             plant, reference, Counted(0.1), p, v, command, actuation, wrench, period, obs, signals
         ),

@@ -60,7 +60,7 @@ LOOP = {  # file: function: what it computes
     },
     f"{LAWS}/predictive.py": {"problem": "programme", "predict": "limits", "solve": "gradient"},
     f"{LAWS}/position_feedback.py": {
-        "make_position_feedback": "modes", "sampled_filter": "sampling", "feed_back": "filter",
+        "_filters": "modes", "sampled_filter": "sampling", "feed_back": "filter",
     },
     f"{LAWS}/panel_reaction.py": {"make_panel_reaction": "2", "add_panel_reaction": "2-4, 45, 48"},
     f"{LAWS}/observer.py": {
@@ -68,7 +68,7 @@ LOOP = {  # file: function: what it computes
         "_reference_motion": "path", "_lag": "delay",
     },
     f"{LAWS}/schedule.py": {"write_features": "features", "apply_decision": "weight", "_propagate": "network"},
-    f"{LAWS}/stability.py": {"sampled_growth": "sampling", "_sampled_modes": "sampling"},
+    f"{LAWS}/stability.py": {"_panel_growth": "sampling", "_sampled_modes": "sampling"},
 }  # fmt: skip
 CONFIG = "configs/sffr.yaml"
 TERMS = EQUATIONS_OF_MOTION | LOOP

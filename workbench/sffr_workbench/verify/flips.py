@@ -167,7 +167,7 @@ def _flips_of(file: str, functions: dict[str, str]) -> Iterator[Flip]:
 
 def _panel_angles() -> list[Flip]:
     source = (ROOT / CONFIG).read_text(encoding="utf-8")
-    found = re.finditer(r"(?<= root: )(\[.*?\], angle: )(\S+?)(?=})", source)
+    found = re.finditer(r"(?<= root: )(\[.*?\], angle: )([^,}\s]+)(?=[,}])", source)
     return [
         Flip(CONFIG, "panel.mounts", "46", source.count("\n", 0, m.start()) + 1, *m.span(2), m[2], str(-float(m[2])))
         for m in found
