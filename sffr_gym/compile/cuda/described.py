@@ -2,7 +2,7 @@
 
 A kernel is compiled for arguments whose shapes are known, so that loops over links, panels and modes have a known
 length and a thread's memory can lie in registers. Plain numbers and arrays become constants of the code. In the place
-of others stand the kinds of this module. An array with a row for each environment has its rows across, (n, *shape) with
+of others stand the kinds of this module. An array with a row for each environment has its rows across, (n, ...) with
 strides ``(1, ..., n)``, so that what threads beside each other read lies together; see :func:`rows`.
 """
 
@@ -22,11 +22,11 @@ DTYPES = {kind: dtype for dtype, kind in KINDS.items()}
 class Rows(NamedTuple):
     """An array with a row for each environment, as the kernel takes it: with all its rows."""
 
-    array: Any  #: (n, *shape) on the device
+    array: Any  #: (n, ...) on the device
 
 
 class Row(NamedTuple):
-    """The same, but the kernel sees the row of the thread's environment alone, (1, *shape)."""
+    """The same, but the kernel sees the row of the thread's environment alone, (1, ...)."""
 
     array: Any
 
@@ -81,12 +81,12 @@ class Thread(NamedTuple):
 
 
 def rows(xp: Any, n: int, shape: tuple[int, ...], kind: str) -> Any:
-    """Return an array (n, *shape) of zeros whose rows lie across, by the array module ``xp``."""
+    """Return an array (n, ...) of zeros whose rows lie across, by the array module ``xp``."""
     return across(xp.zeros((prod(shape), n), dtype=DTYPES[kind]), shape)
 
 
 def across(columns: Any, shape: tuple[int, ...]) -> Any:
-    """Return columns (k, n) as rows (n, *shape); a view."""
+    """Return columns (k, n) as rows (n, ...); a view."""
     return columns.reshape(*shape, columns.shape[1]).transpose(len(shape), *range(len(shape)))
 
 
