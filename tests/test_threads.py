@@ -107,8 +107,8 @@ def test_no_control_groups_no_quota(tmp_path):
 def test_the_batch_and_the_number_of_jobs_follow(tmp_path):
     """In a new process: both are settled when it starts. Who asks for more jobs gets them."""
     code = (
-        "import sffr_gym.envs.batch, sffr_workbench.cli.benchmark as benchmark\n"
-        "print(sffr_gym.envs.batch.THREADS, benchmark.available_cores(), benchmark.MOST_JOBS)"
+        "import sffr_gym.envs.batch, sffr_workbench.cli.benchmark as benchmark, sffr_workbench.cli.options as options\n"
+        "print(sffr_gym.envs.batch.THREADS, benchmark.available_cores(), options.MOST_JOBS)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

@@ -14,13 +14,14 @@ import zipfile
 from collections.abc import Callable
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from sffr_gym.config.reading import open_archive, parse_json, read_bytes, read_member
 from sffr_gym.config.strict_yaml import ConfigError
 
+T = TypeVar("T")
 WEIGHTS = "policy.pth"  # all networks together
 DATA = "data"  # settings as JSON, pickles as texts among them
 MOST_ZIP = 400_000_000  # bytes; optimisers, which are not read, take twice the weights
@@ -46,16 +47,12 @@ def read_weights(file: Path) -> dict[str, np.ndarray]:
     Raises:
         ConfigError: if the file cannot be read, is too large, or is damaged or anything else.
     """
-    content = read_bytes(file, MOST_ZIP)
-    try:
-        with open_archive(content, MOST_ZIP) as archive:
-            if WEIGHTS not in archive.namelist():
-                raise ValueError(f"it has no {WEIGHTS}")
-            weights = _read(archive, archive.getinfo(WEIGHTS), MOST_WEIGHTS)
-        with open_archive(weights, MOST_WEIGHTS) as archive:
+
+    def tensors(content: bytes) -> dict[str, np.ndarray]:
+        with open_archive(content, MOST_WEIGHTS) as archive:
             return _read_tensors(archive)
-    except Exception as error:  # zipfile, zlib and pickle have no common error for damaged bytes
-        raise ConfigError(f"{file}: is no zip of Stable-Baselines3, or is damaged: {first_line(error)}") from None
+
+    return _member(file, WEIGHTS, MOST_WEIGHTS, tensors)
 
 
 def read_data(file: Path) -> dict[str, Any]:
@@ -64,17 +61,22 @@ def read_data(file: Path) -> dict[str, Any]:
     Raises:
         ConfigError: if the file cannot be read, is too large, or is damaged or anything else.
     """
-    content = read_bytes(file, MOST_ZIP)
-    try:
-        with open_archive(content, MOST_ZIP) as archive:
-            if DATA not in archive.namelist():
-                raise ValueError(f"it has no {DATA}")
-            found = parse_json(_read(archive, archive.getinfo(DATA), MOST_DATA).decode("utf-8"), DATA)
-    except Exception as error:  # as above
-        raise ConfigError(f"{file}: is no zip of Stable-Baselines3, or is damaged: {first_line(error)}") from None
+    found = _member(file, DATA, MOST_DATA, lambda content: parse_json(content.decode("utf-8"), DATA))
     if not isinstance(found, dict):
         raise ConfigError(f"{file}: is no zip of Stable-Baselines3: its {DATA} is no mapping")
     return found
+
+
+def _member(file: Path, name: str, most: int, read: Callable[[bytes], T]) -> T:
+    """Return what ``read`` makes of a member of a zip, of so many bytes at most; raises ConfigError."""
+    content = read_bytes(file, MOST_ZIP)
+    try:
+        with open_archive(content, MOST_ZIP) as archive:
+            if name not in archive.namelist():
+                raise ValueError(f"it has no {name}")
+            return read(_read(archive, archive.getinfo(name), most))
+    except Exception as error:  # zipfile, zlib and pickle have no common error for damaged bytes
+        raise ConfigError(f"{file}: is no zip of Stable-Baselines3, or is damaged: {first_line(error)}") from None
 
 
 def first_line(error: Exception) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,6 +26,7 @@ from sffr_workbench.cli.options import (
     Address,
     BackendName,
     FirstSeed,
+    Jobs,
     Overrides,
     Overwrite,
     ParamsFile,
@@ -40,7 +40,6 @@ from sffr_workbench.cli.terminal import can_draw, consoles, interruptible, typed
 from sffr_workbench.common import Backend, terminal_table
 from sffr_workbench.common.numbers import format_difference, format_estimate, format_number
 
-MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
 WIDE, MEDIUM = 128, 92  # columns of a terminal that shows everything, or the differences at least
 
 
@@ -67,12 +66,7 @@ def benchmark_command(
         int, option("--episodes -n", "Episodes of each policy in each scenario.", "N", parser=whole())
     ] = SUITE_EPISODES,
     seed: FirstSeed = EVALUATION_SEED,
-    jobs: Annotated[
-        int | None,
-        option(
-            "--jobs -j", "Processes; no result depends on it.", "N", "all that may be used", parser=whole(1, MOST_JOBS)
-        ),
-    ] = None,
+    jobs: Jobs = None,
     backend: BackendName = "loky",
     address: Address = None,
     device: Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from math import inf, isfinite
@@ -9,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
 _WHOLE = re.compile(r"[-+]?[0-9]{1,18}")  # as in a file: no blanks, no 1_000, no digits of other scripts
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
@@ -66,6 +68,10 @@ Overrides = Annotated[
 ]
 ScenarioName = Annotated[str, option("--scenario -s", "Shipped scenario's name, or a YAML file.", "S")]
 FirstSeed = Annotated[int, option("--seed", "Seed of the first episode; the next ones count up.", "K", parser=whole())]
+Jobs = Annotated[
+    int | None,
+    option("--jobs -j", "Processes; no result depends on it.", "N", "all that may be used", parser=whole(1, MOST_JOBS)),
+]
 BackendName = Annotated[
     str, option("--backend", "What runs them: loky (processes of this machine), ray or dask, extra cluster.", "B")
 ]

@@ -18,11 +18,11 @@ from sffr_gym.config.provenance import origin
 from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.scenario import EVALUATION_SEED
 from sffr_workbench.benchmark.sweep import SWEEP_FILE, Row, SweepPlan, read_axis, run_sweep
-from sffr_workbench.cli.benchmark import MOST_JOBS
 from sffr_workbench.cli.options import (
     Address,
     BackendName,
     FirstSeed,
+    Jobs,
     Overrides,
     ParamsFile,
     Quiet,
@@ -51,12 +51,7 @@ def sweep_command(
     scenario: ScenarioName = "excited",
     episodes: Annotated[int, option("--episodes -n", "Episodes of each combination.", "N", parser=whole(1))] = 5,
     seed: FirstSeed = EVALUATION_SEED,
-    jobs: Annotated[
-        int | None,
-        option(
-            "--jobs -j", "Processes; no result depends on it.", "N", "all that may be used", parser=whole(1, MOST_JOBS)
-        ),
-    ] = None,
+    jobs: Jobs = None,
     backend: BackendName = "loky",
     address: Address = None,
     out: Annotated[Path, option("--out -o", "Run folder.", "DIR")] = Path("runs/sweep"),

@@ -160,6 +160,8 @@ def _connect(figure: Figure, p: Array, low: Array, high: Array) -> None:
     whole, zoom = figure.axes
     corners = p[:2] + ((low + high) / 2 + (high - low) / 2 * CORNERS) @ rotation(p[2]).T
     whole.add_patch(Polygon(corners, facecolor="none", edgecolor=LEADER, linewidth=0.8, zorder=3))
+    bottom, top = whole.get_ylim()
+    whole.set_ylim(min(bottom, corners[:, 1].min() - 0.2), max(top, corners[:, 1].max() + 0.2))
     for up, end in (1.0, (0.0, 1.0)), (-1.0, (0.0, 0.0)):
         start = max(corners, key=lambda corner: (round(up * corner[1], 2), corner[0]))
         line = ConnectionPatch(tuple(start), end, whole.transData, zoom.transAxes, color=LEADER, linewidth=0.8)
