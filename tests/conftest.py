@@ -44,6 +44,12 @@ def user_scenario(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def short_swing(user_scenario):
+    """One of 0.4 s that does."""
+    return user_scenario("short", duration=0.4, panel_modes=[{"mode": 1, "amplitude": [0.05, 0.25]}])
+
+
+@pytest.fixture(scope="session")
 def swinging(user_scenario):
     """A scenario of 2 s that draws the panels' vibration."""
     return user_scenario("swinging", duration=2.0, panel_modes=[{"mode": 1, "amplitude": [0.05, 0.25]}])

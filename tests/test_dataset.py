@@ -1,6 +1,7 @@
 """`sffr dataset`: what Minari reads is what the environment gave, and can be replayed bit for bit."""
 
 import json
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -13,14 +14,6 @@ from sffr_gym.task.scenario import load_scenario
 from sffr_workbench.dataset import IDS, ROOT, DatasetPlan, write_datasets
 
 minari = pytest.importorskip("minari")
-SHORT = "name: short\ndescription: A test's.\nduration: 0.4\npanel_modes: [{mode: 1, amplitude: [0.05, 0.25]}]\n"
-
-
-@pytest.fixture
-def scenario(tmp_path):
-    file = tmp_path / "short.yaml"
-    file.write_text(SHORT)
-    return str(file)
 
 
 def loaded(folder, identifier, monkeypatch):
@@ -29,13 +22,15 @@ def loaded(folder, identifier, monkeypatch):
 
 
 @pytest.mark.parametrize(("env_id", "policy"), [(IDS[0], "lqr"), (IDS[0], "hsc-oracle"), (IDS[1], "sac")])
-def test_a_dataset_replays_in_its_own_environment(env_id, policy, scenario, tmp_path, monkeypatch):
+def test_a_dataset_replays_in_its_own_environment(env_id, policy, short_swing, tmp_path, monkeypatch):
     """The recovered environment, which needs no file, gives the same observations and rewards under the actions."""
-    file = scenario if env_id == IDS[0] else "excited"
+    own = tmp_path / "short.yaml"
+    own.write_text(Path(short_swing).read_text())
+    file = str(own) if env_id == IDS[0] else "excited"
     plan = DatasetPlan((policy,), file, 2, 7, env_id, infos=True)
     write_datasets(plan, tmp_path / "data")
     dataset = loaded(tmp_path / "data", plan.identifier(policy), monkeypatch)
-    (tmp_path / "short.yaml").unlink()
+    own.unlink()
     env = dataset.recover_environment()
     for k, episode in enumerate(dataset.iterate_episodes()):
         obs, _ = env.reset(seed=7 + k)
@@ -50,26 +45,26 @@ def test_a_dataset_replays_in_its_own_environment(env_id, policy, scenario, tmp_
         assert all(value.dtype.kind in "fib" for value in episode.infos.values())
 
 
-def test_metadata_say_where_it_comes_from(scenario, tmp_path, monkeypatch):
+def test_metadata_say_where_it_comes_from(short_swing, tmp_path, monkeypatch):
     """Environment, policy, hashes, version, licence, and the seed of each episode."""
-    plan = DatasetPlan(("sac",), scenario, 2, 5, IDS[0])
+    plan = DatasetPlan(("sac",), short_swing, 2, 5, IDS[0])
     write_datasets(plan, tmp_path / "data")
     dataset = loaded(tmp_path / "data", plan.identifier("sac"), monkeypatch)
     facts = dataset.storage.metadata
     assert facts["policy"] == "sac" and len(facts["policy_hash"]) == 16 and facts["license"] == "MIT"
     params = load_params()
-    assert facts["scenario_hash"] == load_scenario(scenario).hash(params) and facts["config_hash"] == params.hash()
+    assert facts["scenario_hash"] == load_scenario(short_swing).hash(params) and facts["config_hash"] == params.hash()
     assert json.loads(facts["env_spec"])["kwargs"]["scenario"]["duration"] == 0.4
     told = list(dataset.storage.get_episode_metadata(range(2)))
     assert [each["seed"] for each in told] == [5, 6] and {each["failure"] for each in told} == {""}
 
 
-def test_actions_are_those_of_the_policy(scenario, tmp_path, monkeypatch):
+def test_actions_are_those_of_the_policy(short_swing, tmp_path, monkeypatch):
     """As it would act in the same episode."""
-    plan = DatasetPlan(("ahsc",), scenario, 1, 3, IDS[0])
+    plan = DatasetPlan(("ahsc",), short_swing, 1, 3, IDS[0])
     write_datasets(plan, tmp_path / "data")
     (episode,) = loaded(tmp_path / "data", plan.identifier("ahsc"), monkeypatch).iterate_episodes()
-    env = gym.make(IDS[0], scenario=scenario, dtype="float32")
+    env = gym.make(IDS[0], scenario=short_swing, dtype="float32")
     policy = make_policy("ahsc", env)
     obs, _ = env.reset(seed=3)
     for action in episode.actions[:50]:
@@ -77,9 +72,9 @@ def test_actions_are_those_of_the_policy(scenario, tmp_path, monkeypatch):
         obs = env.step(action)[0]
 
 
-def test_the_command_writes_a_dataset_of_each_policy(scenario, tmp_path):
+def test_the_command_writes_a_dataset_of_each_policy(short_swing, tmp_path):
     """And replaces none unless asked; another robot is in the spec."""
-    options = ["--scenario", scenario, "-n", "1", "--out", tmp_path / "data", "--set", "panel.EI=25"]
+    options = ["--scenario", short_swing, "-n", "1", "--out", tmp_path / "data", "--set", "panel.EI=25"]
     result = sffr("dataset", "none", "hsc", *options)
     assert result.exit_code == 0, result.stderr
     names = sorted(file.parts[-3] for file in (tmp_path / "data").rglob("metadata.json"))
