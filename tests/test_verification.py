@@ -69,6 +69,21 @@ def test_measures():
     assert relative([1.0, -4.0], [1.5, -4.0]) == pytest.approx(0.125)
 
 
+@pytest.mark.skipif(load_library() is None, reason="not compiled")
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_panels_that_differ_are_told_apart(exchanged):
+    """By the points of mass along each panel, an implementation of its own; not by a robot with the two exchanged."""
+    from sffr_workbench.verify import foreshortening, motion
+
+    other = [key.replace("mounts.0", "mounts.2").replace("mounts.1", "mounts.0") for key in motion.UNLIKE]
+    other = [key.replace("mounts.2", "mounts.1") for key in other]
+    robot, pieces = ("object=null", "panel.elements=2"), motion.pulse(2.5, seconds=3.0)
+    known = foreshortening.simulate(motion.at_rest(*robot, *(other if exchanged else motion.UNLIKE)), pieces)
+    found = motion.simulate(motion.at_rest(*robot, *motion.UNLIKE, "panel.foreshortening=true"), pieces)
+    error = rms(found.tips[..., 1] - known.tips[..., 1]) / rms(known.tips[..., 1])
+    assert (error > 0.3) if exchanged else (error < 1e-3)
+
+
 def test_a_wrong_sign_is_found(monkeypatch):
     """The panel's gyroscopic coupling with the other sign, in the readable form: derivation and kernels disagree."""
     pytest.importorskip("sympy")

@@ -18,7 +18,7 @@ from sffr_gym.physics.simulator import Simulator
 from sffr_gym.types import Array
 from sffr_workbench.common import plural
 from sffr_workbench.verify.check import Check, make_check
-from sffr_workbench.verify.motion import random_torques
+from sffr_workbench.verify.motion import UNLIKE, random_torques
 
 UNDAMPED = "panel.strain_rate_damping=0"
 SWINGING = "initial.qd=[0.85, 0, 0.05, 0.1, -0.2, -0.1, 0.15, 0.3, -0.3]"  # base and joints turn, panels vibrate
@@ -32,6 +32,7 @@ def checks(quick: bool) -> list[partial[Check]]:
     robots = [
         ("free robot", (SWINGING, "object=null")),
         ("four elements", (SWINGING, "object=null", "panel.elements=4")),
+        ("panels that differ", (SWINGING, "object=null", "panel.elements=4", *UNLIKE)),
         ("with object", (GENTLE,)),
     ]
     listed = [partial(conserved, name, load_params().with_overrides(UNDAMPED, *changes)) for name, changes in robots]

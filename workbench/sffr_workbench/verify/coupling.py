@@ -25,15 +25,13 @@ from sffr_gym.physics.plant import Plant, evaluate
 from sffr_gym.physics.simulator import Simulator, State
 from sffr_gym.types import Array
 from sffr_workbench.verify.check import Check, make_check, relative
+from sffr_workbench.verify.motion import UNLIKE
 
 ROUNDING = "Rounding, times the condition of the mass matrix; relative to the largest entry."
 ALL_MODES = ("panel.axial_cut=1.0e+9", "panel.bending_cut=1.0e+9")
 OTHER_ROBOT = (  # another structure: a single slanted panel, mounts and angles that are not special
     "panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]",
     "arms.0.mount_angle=0.4", "arms.2.links.0.com=0.1",
-)  # fmt: skip
-UNLIKE = (  # panels that differ from each other and from what the section has
-    "panel.mounts.0.mass=6.0", "panel.mounts.0.EI=31.0", "panel.mounts.1.length=2.7", "panel.mounts.1.mass=11.0",
 )  # fmt: skip
 OFF_CENTRE = ("object.grasps.0.point=[0.05, 0.11]", "object.grasps.1.point=[0.03, -0.1]")  # both beside the y axis
 

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sffr_gym.config import sections
 from sffr_gym.config.params import Params
 from sffr_gym.physics import monolithic
-from sffr_gym.physics.beam import N_TIP
+from sffr_gym.physics.beam import N_TIP, Modes
 from sffr_gym.physics.each_panel import panel_modes
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import Model, pack
@@ -47,26 +48,29 @@ def simulate(params: Params, pieces: Sequence[Piece], geometric: bool = True) ->
         pieces: the forces.
         geometric: False leaves the terms of higher order out, which gives the linear beam.
     """
-    model, panel = pack(params), _panel(params)
+    model, panels = pack(params), _panels(params)
     if not geometric:
-        panel = panel._replace(G=0 * panel.G, EI=0.0)
-    n, n_m, n_p = 3 + len(model.link_mass), len(panel.omega2), params.n_panels
-    state = np.zeros((2, n + n_p * n_m))
+        panels = [panel._replace(G=0 * panel.G, EI=0.0) for panel in panels]
+    n = 3 + len(model.link_mass)
+    state = np.zeros((2, n + sum(len(panel.omega2) for panel in panels)))
     state[0, :n] = params.initial.q
-    rows = [_row(model, panel, state[0], n)]
+    rows = [_row(panels, state[0], n)]
     every = round(RECORD / STEP)
     for piece in pieces:
         force = np.zeros(state.shape[1])
         force[:n] = np.concatenate([piece.wrench, piece.joints])
         for k in range(round(piece.duration / STEP)):
-            state = _runge_kutta(model, panel, state, force)
+            state = _runge_kutta(model, panels, state, force)
             if (k + 1) % every == 0:
-                rows.append(_row(model, panel, state[0], n))
+                rows.append(_row(panels, state[0], n))
     return stack(rows)
 
 
-def _panel(params: Params) -> Panel:
-    panel, modes = params.panel, panel_modes(params)[0]
+def _panels(params: Params) -> list[Panel]:
+    return [_panel(panel, modes) for panel, modes in zip(params.panel.each, panel_modes(params), strict=True)]
+
+
+def _panel(panel: sections.Panel, modes: Modes) -> Panel:
     kept = modes.shapes[:, modes.n_axial :]
     nodes = np.vstack([np.zeros((N_TIP, kept.shape[1])), kept])
     size = panel.length / panel.elements
@@ -106,9 +110,9 @@ def _slope_products(own: Array, end: float, size: float) -> Array:
     return np.einsum("k,ki,kj->ij", weights / 2 * end * size, slopes, slopes)
 
 
-def _runge_kutta(model: Model, panel: Panel, state: Array, force: Array) -> Array:
+def _runge_kutta(model: Model, panels: Sequence[Panel], state: Array, force: Array) -> Array:
     def rate(y: Array) -> Array:
-        return np.stack([y[1], _acceleration(model, panel, y[0], y[1], force)])
+        return np.stack([y[1], _acceleration(model, panels, y[0], y[1], force)])
 
     k1 = rate(state)
     k2 = rate(state + STEP / 2 * k1)
@@ -117,13 +121,14 @@ def _runge_kutta(model: Model, panel: Panel, state: Array, force: Array) -> Arra
     return np.asarray(state + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
 
 
-def _acceleration(model: Model, panel: Panel, z: Array, zd: Array, force: Array) -> Array:
+def _acceleration(model: Model, panels: Sequence[Panel], z: Array, zd: Array, force: Array) -> Array:
     """Solve ``M zdd + h = force``, M and h summed over the rigid bodies and the points of mass."""
-    n, n_m = 3 + len(model.link_mass), len(panel.omega2)
+    n = start = 3 + len(model.link_mass)
     M, h = np.zeros((len(z), len(z))), np.zeros(len(z))
     M[:n, :n], h[:n] = monolithic.rigid_equations(model, z[:n], zd[:n])
-    for i in range(len(model.panel_root)):
-        own = slice(n + i * n_m, n + (i + 1) * n_m)
+    for i, panel in enumerate(panels):
+        own = slice(start, start + len(panel.omega2))
+        start = own.stop
         b, bd = z[own], zd[own]
         turn = rotation(z[2] + monolithic.panel_angle(model, i))
         root = rotation(z[2]) @ model.panel_root[i]
@@ -148,7 +153,7 @@ def _acceleration(model: Model, panel: Panel, z: Array, zd: Array, force: Array)
     return np.asarray(np.linalg.solve(M, force - h))
 
 
-def _row(model: Model, panel: Panel, z: Array, n: int) -> tuple[Array, ...]:
-    bends = z[n:].reshape(len(model.panel_root), -1)
-    tips = np.array([[-b @ panel.G[-1] @ b / 2, panel.W[-1] @ b] for b in bends])
+def _row(panels: Sequence[Panel], z: Array, n: int) -> tuple[Array, ...]:
+    bends = zip(panels, z[n:].reshape(len(panels), -1), strict=True)
+    tips = np.array([[-b @ panel.G[-1] @ b / 2, panel.W[-1] @ b] for panel, b in bends])
     return z[:3], tips, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2))

@@ -18,6 +18,9 @@ from sffr_gym.types import Array
 
 RECORD = 0.02  # s, between two recorded states
 STEP = 2.0e-3  # s, of our simulator
+UNLIKE = (  # panels that differ from each other and from what the section has
+    "panel.mounts.0.mass=6.0", "panel.mounts.0.EI=31.0", "panel.mounts.1.length=2.7", "panel.mounts.1.mass=11.0",
+)  # fmt: skip
 
 
 class Piece(NamedTuple):
