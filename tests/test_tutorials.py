@@ -18,7 +18,8 @@ FOUND = ["ets7-one-panel", "spacerobotenv-dual-arm", "tohoku-debris-dual-arm"]  
 
 
 def test_there_are_tutorials_and_robots():
-    assert {file.stem for file in TUTORIALS} >= {"first_law", "lqr_gain", "mpc", "own_robot", "tight_limits"}
+    named = {"first_law", "lqr_gain", "mpc", "own_robot", "shaped_slew", "tight_limits"}
+    assert {file.stem for file in TUTORIALS} >= named
     assert len(ROBOTS) >= 6
 
 
