@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 import random
+import resource
 import shlex
 import shutil
 import signal
@@ -142,6 +143,18 @@ def _functions(tree: ast.AST, around: str = "") -> Iterator[tuple[int, int, str]
             yield from _functions(node, around)
 
 
+class Limits(NamedTuple):
+    """How long a module's tests may take, one call of pytest, before a mutant counts as one that never ends.
+
+    Attributes:
+        cpu: seconds of processor time of a process, which a machine that is busy with other things does not use up.
+        wall: seconds by the clock, for what waits for ever and computes nothing.
+    """
+
+    cpu: int = 600
+    wall: float = 3600.0
+
+
 class Copy:
     """A copy of the checkout in which one mutant at a time is tested.
 
@@ -158,17 +171,17 @@ class Copy:
                 shutil.copy2(ROOT / name, folder)
         subprocess.run([sys.executable, "-m", "compileall", "-q", *COPIED[:4]], cwd=folder, check=True)
 
-    def outcome(self, mutant: Mutant, timeout: float) -> str:
+    def outcome(self, mutant: Mutant, limits: Limits) -> str:
         """Change the module and run its tests."""
         file = self.folder / mutant.module
         original = file.read_text(encoding="utf-8")
         file.write_text(mutant.source(), encoding="utf-8")
         try:
-            return self.run_tests(mutant.module, timeout)
+            return self.run_tests(mutant.module, limits)
         finally:
             file.write_text(original, encoding="utf-8")
 
-    def run_tests(self, module: str, timeout: float) -> str:
+    def run_tests(self, module: str, limits: Limits) -> str:
         """Run the tests of a module, up to the first that fails."""
         interpreted = module.startswith(INTERPRETED)
         homes = [self.folder if interpreted or name in ("agents", "workbench") else ROOT for name in COPIED[:4]]
@@ -184,9 +197,10 @@ class Copy:
                 [*command, *shlex.split(f"tests/{test}")], cwd=self.folder, env=environment, stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
+            resource.prlimit(running.pid, resource.RLIMIT_CPU, (limits.cpu, limits.cpu + 5))
             try:
-                if running.wait(timeout):
-                    return KILLED
+                if code := running.wait(limits.wall):
+                    return TIMEOUT if code == -signal.SIGXCPU else KILLED
             except subprocess.TimeoutExpired:
                 os.killpg(running.pid, signal.SIGKILL)
                 running.wait()
@@ -217,38 +231,49 @@ class Outcomes:
 
 
 def run(mutants: list[Mutant], outcomes: dict[str, Outcomes], workers: int) -> None:
-    """Test mutants side by side and keep every outcome.
+    """Test mutants side by side, module by module, and keep every outcome.
 
     Raises:
         SystemExit: if a module's tests fail without any change.
     """
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(workers) as pool:
         copies: Queue[Copy] = Queue()
         for k in range(workers):
             copies.put(Copy(Path(name) / str(k)))
-        limits = {}
-        for module in dict.fromkeys(mutant.module for mutant in mutants):
-            begun, copy = time.perf_counter(), copies.get()
-            if copy.run_tests(module, timeout=600.0) != SURVIVED:
-                raise SystemExit(f"{module}: {' '.join(MODULES[module])} fail or hang without any change")
-            copies.put(copy)
-            taken = time.perf_counter() - begun
-            limits[module] = 20.0 + 4.0 * taken
-            print(f"{module}: {taken:.0f} s for its tests", flush=True)
 
-        def test(mutant: Mutant) -> tuple[Mutant, str]:
+        def test(mutant: Mutant, limits: Limits) -> tuple[Mutant, str]:
             copy = copies.get()
             try:
-                return mutant, copy.outcome(mutant, limits[mutant.module])
+                return mutant, copy.outcome(mutant, limits)
             finally:
                 copies.put(copy)
 
-        with ThreadPoolExecutor(workers) as pool:
-            for done in as_completed([pool.submit(test, mutant) for mutant in mutants]):
+        for module in dict.fromkeys(mutant.module for mutant in mutants):
+            limits = _limits(module, copies)
+            own = [pool.submit(test, mutant, limits) for mutant in mutants if mutant.module == module]
+            for done in as_completed(own):
                 mutant, outcome = done.result()
                 outcomes[mutant.module][mutant] = outcome
                 if outcome == SURVIVED and not mutant.reason:
                     print(f"{mutant.module}:{mutant.line} {mutant.function}: {_changed(mutant)}", flush=True)
+
+
+def _limits(module: str, copies: Queue[Copy]) -> Limits:
+    """Run a module's tests without any change, and derive how long they may take with one."""
+    wall, cpu, copy = time.perf_counter(), _cpu(), copies.get()
+    outcome = copy.run_tests(module, Limits())
+    copies.put(copy)
+    if outcome != SURVIVED:
+        raise SystemExit(f"{module}: {' '.join(MODULES[module])} fail or hang without any change")
+    wall, cpu = time.perf_counter() - wall, _cpu() - cpu
+    print(f"{module}: {wall:.0f} s for its tests, {cpu:.0f} s of processor time", flush=True)
+    return Limits(round(20.0 + 4.0 * cpu), 120.0 + 20.0 * wall)
+
+
+def _cpu() -> float:
+    """Processor time in s of all processes that were started and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def report(chosen: dict[str, list[Mutant]], outcomes: dict[str, Outcomes]) -> str:

@@ -7,7 +7,7 @@ from sffr_baselines import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.metrics import instability
-from sffr_gym.task.signals import N_SIGNALS, SAT_PIEZO, SAT_THRUST, VIBRATION
+from sffr_gym.task.signals import N_SIGNALS, SAT_JOINT, SAT_PIEZO, SAT_THRUST, VIBRATION
 from sffr_gym.task.status import LIMIT_CYCLE, REASONS
 from sffr_workbench.evaluation import evaluate, summary_remarks
 
@@ -22,7 +22,7 @@ def signals(busy, energy, group=SAT_PIEZO):
     return made
 
 
-@pytest.mark.parametrize("group", [SAT_PIEZO, SAT_THRUST])
+@pytest.mark.parametrize("group", [SAT_PIEZO, SAT_THRUST, SAT_JOINT])
 @pytest.mark.parametrize(
     ("busy", "energy", "unstable"), [(0.26, 0.06, True), (0.24, 0.9, False), (1.0, 0.04, False), (0.0, 1.0, False)]
 )

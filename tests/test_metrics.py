@@ -1,9 +1,11 @@
 """Measures of an episode on signals whose answers are known."""
 
+import math
+
 import numpy as np
 import pytest
 
-from sffr_gym.task.metrics import MEASURES, SETTLED, measure, settling_time
+from sffr_gym.task.metrics import MEASURES, SETTLED, measure, measured, settling_time
 from sffr_gym.task.signals import N_SIGNALS, SIGNALS
 
 PERIOD = 0.5  # s
@@ -83,3 +85,21 @@ def test_settling_time(energy: list[float], expected: float) -> None:
     """The last time at which the energy exceeds 5 % of its largest value."""
     assert SETTLED == 0.05
     assert settling_time(np.array(energy), PERIOD) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("arrival", "expected"),
+    [
+        (0.0, 0.7),  # the whole episode
+        (1.0, 0.4),  # from the third period on: the first two end at or before the arrival
+        (1.1, 0.2),  # in the middle of a period, which does not count
+        (1.5 + 1e-10, 0.2),  # rounded, it is no later
+        (2.0, math.nan),  # the episode ended before
+    ],
+)
+def test_residual_swing_is_what_is_left_from_the_arrival_on(arrival: float, expected: float) -> None:
+    """Beside all other measures, of which there is one more."""
+    table = signals(tip=[0.7, 0.3, 0.4, 0.2])
+    found = measure(table, PERIOD, arrival=arrival)
+    assert found == pytest.approx(measure(table, PERIOD) | {"residual_tip": expected}, nan_ok=True)
+    assert measured([{}, found]) == MEASURES | {"residual_tip": "m"}

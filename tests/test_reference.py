@@ -10,7 +10,7 @@ from sffr_gym import load_params
 from sffr_gym.config.params import Params
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import object_slice, pack
-from sffr_gym.task.reference import Desired, Reference, desired, path_reference
+from sffr_gym.task.reference import N_PIECE, Desired, Reference, desired, flat_reference, path_reference, reference_at
 
 Array = NDArray[np.float64]
 
@@ -129,3 +129,27 @@ def test_without_an_object_the_base_follows_the_path() -> None:
     want = desired(reference, 0.0)
     np.testing.assert_allclose([want.x, want.y], [2.0, -1.0], rtol=0, atol=1e-14)
     assert (reference.base_x, reference.base_y, reference.yaw) == (0.0, 0.0, 0.3)
+
+
+WAYPOINTS = ("path.kind=waypoints", "path.points=[[1.0, 0.5], [2.0, -0.5], [3.5, 0.0]]", "path.speed=0.3")
+
+
+def test_flat_numbers_are_the_reference() -> None:
+    """Whatever each of them is, and however many joints and pieces there are."""
+    for overrides in ((), ("path.kind=figure-eight", "path.heading=tangent"), WAYPOINTS):
+        reference = make(*overrides, phase=0.0)[2]
+        numbered = reference_at(np.arange(1.0, 1.0 + len(flat_reference(reference))), len(reference.joints))
+        np.testing.assert_array_equal(flat_reference(numbered), np.arange(1.0, 1.0 + len(flat_reference(numbered))))
+        again = reference_at(flat_reference(reference), len(reference.joints))
+        for before, after in zip(reference, again, strict=True):
+            np.testing.assert_array_equal(after, before)
+
+
+def test_a_piece_begins_at_its_time() -> None:
+    """At the very time at which one piece ends and the next begins the motion is that just before."""
+    reference = make(*WAYPOINTS)[2]
+    knots = reference.pieces[::N_PIECE]
+    assert len(knots) > 2
+    for t in knots[1:]:
+        np.testing.assert_allclose(desired(reference, t)[:6], desired(reference, t - 1e-9)[:6], rtol=0, atol=1e-6)
+        assert np.hypot(*velocity(desired(reference, t))) > 0.1 or t == knots[-1]

@@ -10,8 +10,8 @@ import pytest
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.reward import REWARDS, Weights, reward_terms, tolerance
-from sffr_gym.task.signals import ERROR, N_SIGNALS, PIEZO, VIBRATION
+from sffr_gym.task.reward import REWARDS, Weights, period_cost, reward_terms, reward_weights, tolerance
+from sffr_gym.task.signals import ERROR, N_SIGNALS, PIEZO, SAT_JOINT, SAT_PIEZO, SAT_THRUST, VIBRATION
 from sffr_gym.task.status import RUNNING, TIP_RANGE
 
 N_PIEZOS, N_ACTIONS, LONGEST = 6, 15, 4000
@@ -61,6 +61,28 @@ def test_terms_are_bounded_and_fall_at_any_size():
     half = 1.0 / (1.0 + math.log(2.0))
     assert reward_terms(weights, signals, RUNNING, terms) == pytest.approx(half)
     assert reward_terms(weights, signals, TIP_RANGE, terms) == 0.0 and not terms.any()
+
+
+def test_weights_and_scales_are_those_of_the_configuration(params):
+    """A term is half where its measure is its scale, whose square the squared measures are compared with."""
+    keys = {"tracking.weight": 2.0, "vibration.weight": 3.0, "effort.weight": 4.0}
+    keys |= {"tracking.scale": 1e-3, "vibration.scale": 0.03, "effort.scale": 5.0}
+    given = params.with_overrides(*(f"reward.{key}={value}" for key, value in keys.items()))
+    assert reward_weights(given) == pytest.approx((2.0, 3.0, 4.0, 1e-6, 0.03, 25.0))
+    signals, terms = np.zeros(N_SIGNALS), np.zeros(len(REWARDS))
+    signals[[ERROR, VIBRATION, PIEZO]] = 1e-3, 0.03, 25.0
+    assert reward_terms(reward_weights(given), signals, RUNNING, terms) == pytest.approx(9.0 / (1.0 + math.log(2.0)))
+
+
+@pytest.mark.parametrize("status", [RUNNING, TIP_RANGE])
+@pytest.mark.parametrize("saturated", [None, SAT_PIEZO, SAT_THRUST, SAT_JOINT])
+def test_cost_is_one_for_saturation_or_failure(saturated, status):
+    """However small the share of a group that is at its limits; anything else costs nothing."""
+    signals = np.ones(N_SIGNALS)
+    signals[[SAT_PIEZO, SAT_THRUST, SAT_JOINT]] = 0.0
+    if saturated is not None:
+        signals[saturated] = 0.1
+    assert period_cost(signals, status) == float(saturated is not None or status != RUNNING)
 
 
 def test_the_damping_environment_earns_in_every_step():
