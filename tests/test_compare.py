@@ -25,8 +25,8 @@ def episode(policy, scenario, seed, vibration=1.0):
     return Result(scenario, policy, seed, measures, "", {})
 
 
-def write(folder, results):
-    hashes = {result.scenario: result.scenario for result in results}
+def write(folder, results, hashes=None):
+    hashes = hashes or {result.scenario: result.scenario for result in results}
     plan = Identity(version="1", code="", config_hash="", scenarios=hashes, policies={})
     with RunFolder.claim(folder, "benchmark") as run:
         run.replace({EPISODES_FILE: episodes_csv(results).encode(), PLAN_FILE: plan.model_dump_json().encode()})
@@ -79,6 +79,15 @@ def test_runs_without_a_common_episode_cannot_be_compared(tmp_path):
     folders = [write(tmp_path / name, [episode(name, "wild", seed)]) for seed, name in enumerate(("ahsc", "hsc"))]
     with pytest.raises(ConfigError, match="no episode was run by all of ahsc, hsc"):
         common_episodes(folders)
+
+
+def test_scenarios_of_one_name_must_be_the_same(tmp_path):
+    """The message says which two runs disagree; a scenario that only one of them has does not matter."""
+    one = write(tmp_path / "one", [episode("ahsc", "wild", 0)], {"wild": "a", "still": "b"})
+    other = write(tmp_path / "other", [episode("hsc", "wild", 0)], {"wild": "c"})
+    with pytest.raises(ConfigError, match=r"other: scenario 'wild' or its parameters are not those of .*one"):
+        common_episodes([one, other])
+    assert common_episodes([one, write(tmp_path / "third", [episode("hsc", "wild", 0)], {"wild": "a"})])
 
 
 def test_hashes_are_those_of_the_benchmark_or_of_the_evaluation(tmp_path):

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sffr_baselines import make_policy
+from sffr_baselines.free_floating import _solve
 from sffr_baselines.rollout import rollout
 from sffr_gym import SFFRFlexEnv, load_params
 from sffr_gym.physics.simulator import Simulator
@@ -38,6 +39,22 @@ def test_object_is_tracked_without_thrusters(law):
     assert 1.0e-4 < moved < 0.1 and abs(states[-1].q[2]) > 1.0e-3
     held = env.fields["hold_error"]
     assert np.abs(env.get_state()["batch"].obs[0, held.slice]).max() < 1.0e-6
+
+
+def test_from_the_first_period_on_the_base_goes_where_momentum_takes_it():
+    """Errors are those of holding a command: a tenth more of the base's acceleration gives thirty times as much."""
+    env, _, errors = run("ahsc", periods=20)
+    assert np.abs(errors).max() < 4.0e-9
+    assert np.abs(env.get_state()["batch"].obs[0, env.fields["hold_error"].slice]).max() < 1.5e-7
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_base_is_solved_for_by_cramers_rule(seed):
+    """Against LAPACK, for matrices without any symmetry."""
+    rng = np.random.default_rng(seed)
+    A, b, x = rng.normal(size=(3, 3)), rng.normal(size=3), np.full(3, np.nan)
+    _solve(A, b, x)
+    assert_allclose(x, -np.linalg.solve(A, b), rtol=1e-10)
 
 
 def test_a_law_that_believes_in_a_held_base_does_worse():
