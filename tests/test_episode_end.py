@@ -5,7 +5,10 @@ import pytest
 from stepping import N_ACTIONS, assert_healthy, rollout
 
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.status import Failure
+from sffr_gym.task.status import RUNNING, Failure, status_of
+from sffr_gym.task.task_model import make_task_model
+
+BASE_ALONE = ["object=null", "arms=[]", "panel.mounts=[]", "initial.q=[0, 0, 0]", "initial.qd=[0.85, 0, 0]"]
 
 
 def run_until_end(env, action, steps=600):
@@ -49,6 +52,20 @@ def test_observation_out_of_range_terminates():
     desired = path.radius * (1.0 - np.cos(path.speed / path.radius * env.time))
     assert desired - states[-2].q[1] < 0.05 < desired - states[-1].q[1]
     assert env.observation_space.contains(obs)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_observation_on_its_bound_is_in_range(params, sign):
+    """Any number next to its bound, on the far side, ends the episode and is put back on it; others stay."""
+    task = make_task_model(params.with_overrides(*BASE_ALONE))
+    obs, p = sign * task.bound, np.zeros(3)
+    assert status_of(task, p, p, None, obs) == RUNNING
+    np.testing.assert_array_equal(obs, sign * task.bound)
+    for k in range(len(obs)):
+        obs = 0.5 * sign * task.bound
+        obs[k] = np.nextafter(sign * task.bound[k], sign * np.inf)
+        assert status_of(task, p, p, None, obs) == Failure.OUT_OF_RANGE
+        np.testing.assert_array_equal(obs, sign * task.bound * np.where(np.arange(len(obs)) == k, 1.0, 0.5))
 
 
 @pytest.mark.parametrize(("least", "ends"), [(0.862, False), (0.865, True), (0.9, True)])
