@@ -5,7 +5,7 @@ are accepted with a reason. Every outcome is written at once to a folder, from w
 module whose source has changed begins again. Modules of ``sffr_gym`` and ``sffr_baselines``, whose edits would compile
 the kernels again, run as Python; for all others these two packages come from the checkout, compiled.
 
-    python tests/mutants.py [--sample N] [--again] [--report FILE] [MODULE ...]
+    python tests/mutants.py [--sample N] [--draw K] [--again] [--report FILE] [MODULE ...]
 
 Exit code 1 if a mutant survives without a reason.
 """
@@ -103,11 +103,11 @@ def mutants_of(module: str) -> list[Mutant]:
     return found
 
 
-def sample(mutants: list[Mutant], count: int | None) -> list[Mutant]:
-    """So many mutants of a module, always the same ones; all for None."""
+def sample(mutants: list[Mutant], count: int | None, draw: int = 0) -> list[Mutant]:
+    """So many mutants of a module, the same ones for the same draw; all for None."""
     if count is None or count >= len(mutants):
         return mutants
-    chosen = set(random.Random(mutants[0].module).sample(range(len(mutants)), count))
+    chosen = set(random.Random(f"{mutants[0].module}{draw or ''}").sample(range(len(mutants)), count))
     return [mutant for k, mutant in enumerate(mutants) if k in chosen]
 
 
@@ -144,15 +144,10 @@ def _functions(tree: ast.AST, around: str = "") -> Iterator[tuple[int, int, str]
 
 
 class Limits(NamedTuple):
-    """How long a module's tests may take, one call of pytest, before a mutant counts as one that never ends.
+    """How long one call of pytest may take before its mutant counts as one that never ends."""
 
-    Attributes:
-        cpu: seconds of processor time of a process, which a machine that is busy with other things does not use up.
-        wall: seconds by the clock, for what waits for ever and computes nothing.
-    """
-
-    cpu: int = 600
-    wall: float = 3600.0
+    cpu: int = 600  #: seconds of processor time of a process, which a machine that is busy elsewhere does not use up
+    wall: float = 3600.0  #: seconds by the clock, for what waits for ever and computes nothing
 
 
 class Copy:
@@ -260,7 +255,7 @@ def run(mutants: list[Mutant], outcomes: dict[str, Outcomes], workers: int) -> N
 
 def _limits(module: str, copies: Queue[Copy]) -> Limits:
     """Run a module's tests without any change, and derive how long they may take with one."""
-    wall, cpu, copy = time.perf_counter(), _cpu(), copies.get()
+    copy, wall, cpu = copies.get(), time.perf_counter(), _cpu()
     outcome = copy.run_tests(module, Limits())
     copies.put(copy)
     if outcome != SURVIVED:
@@ -323,13 +318,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("modules", nargs="*", metavar="MODULE", help="such as sffr_gym/task/score.py; all without")
     parser.add_argument("--sample", type=int, metavar="N", help="so many mutants of each module; all without")
+    parser.add_argument("--draw", type=int, default=0, metavar="K", help="another sample for another number")
     parser.add_argument("--again", action="store_true", help="test those again that survived without a reason")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="tests side by side")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the counts and survivors, as Markdown")
     arguments = parser.parse_args()
     if unknown := set(arguments.modules) - MODULES.keys():
         parser.error(f"not in mutants.toml: {', '.join(sorted(unknown))}")
-    chosen = {module: sample(mutants_of(module), arguments.sample) for module in arguments.modules or MODULES}
+    chosen = {
+        module: sample(mutants_of(module), arguments.sample, arguments.draw) for module in arguments.modules or MODULES
+    }
     outcomes = {module: Outcomes(module) for module in chosen}
 
     def is_due(mutant: Mutant) -> bool:
