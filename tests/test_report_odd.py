@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 import yaml
+from command_line import sffr
 
 from sffr_gym.config.run_folder import RunFolder
 from sffr_workbench.evaluation import Recording, evaluate, open_run, recording_files, write_run
@@ -151,3 +152,14 @@ def test_pages_open_without_a_word(pages):
             assert page.evaluate("document.documentElement.scrollWidth") <= 1280, case
             page.close()
         browser.close()
+
+
+@pytest.mark.parametrize(
+    "policy", ["mine.py:MyLaw", "mine.py:MyLaw,gain=2", "package.module:MyLaw", "ahsc", "best.npz"]
+)
+def test_a_policy_in_place_of_a_run_is_told_what_to_do(policy):
+    """A report has no scenario, seeds or robot of its own: they are those of a run."""
+    result = sffr("report", policy)
+    assert result.exit_code == 2
+    assert f"{policy}: is a policy" in result.output
+    assert f"sffr evaluate {policy} --out runs/mine, then sffr report runs/mine" in " ".join(result.output.split())

@@ -130,6 +130,11 @@ def _policy(name: str, env: Any) -> Policy:
     return policy
 
 
+def names_policy(name: str) -> bool:
+    """Return whether a text is written as a policy's name is, whether or not there is such a policy."""
+    return name in POLICIES or name.endswith(SUFFIX) or own_name(name) is not None
+
+
 def policy_title(name: str) -> str:
     """Return what tables call a policy: its name; of a file its folder's name and its own; of a law its class's."""
     if own := own_name(name):

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from sffr_baselines.policies import names_policy
 from sffr_gym import ConfigError
 from sffr_gym.config.files import check_target, to_json, write_whole
 from sffr_gym.config.provenance import package_version
@@ -39,14 +40,18 @@ def write_report(folders: Sequence[Path], out: Path | None = None, overwrite: bo
         The file.
 
     Raises:
-        ConfigError: if a folder holds no finished run, or a damaged one, or is given twice, or the file is there
-            already.
+        ConfigError: if a folder holds no finished run, or a damaged one, or is given twice, or is a policy instead,
+            or the file is there already.
         ModuleNotFoundError: without jinja2.
     """
     real = [folder.resolve() for folder in folders]
     for folder in real:
         if real.count(folder) > 1:
             raise ConfigError(f"{folder}: is given twice")
+    for folder in folders:
+        if not folder.is_dir() and names_policy(str(folder)):
+            run = f"sffr evaluate {folder} --out runs/mine, then sffr report runs/mine"
+            raise ConfigError(f"{folder}: is a policy, and a report shows runs of policies; {run}")
     if out is not None:
         check_target(out, overwrite)
         text = report_page([read_run(folder) for folder in folders])
