@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from sffr_baselines.own_law import ControlLaw, OwnPolicy, UnfitError
+from sffr_baselines.own_law import FAULTS, ControlLaw, OwnPolicy, UnfitError
 from sffr_gym.config.files import short_hash
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -85,7 +85,7 @@ def make_own(text: str, prior: Params) -> OwnPolicy:
         law = kind(**settings)
     except UnfitError as error:
         raise UnfitError(f"{own_title(name)}: {error}") from None
-    except Exception as error:
+    except FAULTS as error:
         raise ConfigError(_explain(file, f"{name.law}.__init__", error)) from error
     return OwnPolicy(own_title(name), law, file, prior)
 
@@ -129,7 +129,7 @@ def _module(name: OwnName) -> ModuleType:
             return importlib.import_module(name.where)
         except ModuleNotFoundError as error:
             raise ConfigError(f"{name.where}: no such module: {error}") from None
-        except Exception as error:
+        except FAULTS as error:
             raise ConfigError(_explain(Path(name.where), "import", error)) from error
         finally:
             sys.path.remove(here)
@@ -145,7 +145,7 @@ def _module(name: OwnName) -> ModuleType:
     sys.path.insert(0, str(file.parent))
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except FAULTS as error:
         del sys.modules[known]
         raise ConfigError(_explain(Path(name.where), "import", error)) from error
     finally:
@@ -153,7 +153,7 @@ def _module(name: OwnName) -> ModuleType:
     return module
 
 
-def _explain(file: Path, what: str, error: Exception) -> str:
+def _explain(file: Path, what: str, error: BaseException) -> str:
     """Return an error with the last line of a file that led to it."""
     if isinstance(error, SyntaxError):
         return f"{error.filename or file}:{error.lineno}: {error.msg}"

@@ -20,11 +20,13 @@ from numpy.typing import ArrayLike
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
+from sffr_gym.envs.spaces import REAL
 from sffr_gym.physics.linearization import command_labels
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.task.observation import Field
 from sffr_gym.types import Array
 
+FAULTS = (Exception, SystemExit)  # of a law's code, none of which ends a command without a word
 TRIALS = 20  # calls of a law before anything runs, of which the fastest counts
 
 
@@ -162,12 +164,16 @@ class OwnPolicy:
         """Return a law's action, checked."""
         try:
             returned = law(obs)
-        except Exception as error:
+        except FAULTS as error:
             raise self._located("__call__", error) from error
+        wrong = f"{self._place()} returned {returned!r:.60}, which is no array of real numbers"
         try:
-            action = np.asarray(returned, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ConfigError(f"{self._place()} returned {returned!r:.60}, which is no array of numbers") from None
+            array = np.asarray(returned)
+        except Exception as error:  # of lists of different lengths, of a tensor that wants gradients
+            raise ConfigError(f"{wrong}: {error}") from None
+        if array.dtype.kind not in REAL or isinstance(returned, np.ma.MaskedArray):
+            raise ConfigError(wrong)
+        action = array.astype(np.float64, copy=False)
         shape = (*obs.shape[:-1], len(law.limit))
         if action.shape != shape:
             raise ConfigError(f"{self._place()} returned an action of shape {action.shape}; it must be {shape}")
@@ -191,21 +197,20 @@ class OwnPolicy:
             call()
         except UnfitError as error:
             raise UnfitError(f"{self.name}: {error}") from None
-        except Exception as error:
+        except FAULTS as error:
             raise self._located(method, error) from error
 
-    def _located(self, method: str, error: Exception) -> ConfigError:
+    def _located(self, method: str, error: BaseException) -> ConfigError:
         """Return the error with the last line of the law's own file that led to it."""
         if isinstance(error, UnfitError):
             return UnfitError(f"{self.name}: {error}")
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if Path(frame.filename) == self.file.absolute()]
-        where = f"{self.file}:{own[-1].lineno}" if own else self._place(method)
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        return ConfigError(f"{where}: {type(self._law).__name__}.{method}: {reason}")
+        return ConfigError(f"{self._place(method, own[-1].lineno if own else None)}: {reason}")
 
-    def _place(self, method: str = "__call__") -> str:
-        """Return file and first line of a method, and what it is called."""
+    def _place(self, method: str = "__call__", line: int | None = None) -> str:
+        """Return file, a line of a method, its first one if left out, and what the method is called."""
         code = getattr(getattr(type(self._law), method), "__code__", None)
-        line = f":{code.co_firstlineno}" if code else ""
-        return f"{self.file}{line}: {type(self._law).__name__}.{method}"
+        line = code.co_firstlineno if line is None and code else line
+        return f"{self.file}{'' if line is None else f':{line}'}: {type(self._law).__name__}.{method}"

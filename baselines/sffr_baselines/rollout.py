@@ -85,7 +85,8 @@ def rollout(
     Raises:
         ConfigError: for an episode that would take more memory than ``LARGEST_RECORD``; nothing has run then. Of a law
             of one's own that fails, with file and line.
-        ValueError: for a law of a robot that has other observations or actuators.
+        ValueError: for a law of a robot that has other observations or actuators, and for a stride that is no whole
+            number of control periods.
     """
     report = progress or (lambda _: None)
     if isinstance(policy, OwnPolicy):
@@ -154,7 +155,10 @@ def result_of(trajectory: Trajectory) -> Result:
 
 
 def _check_memory(env: SFFRFlexEnv, ticks: int, stride: int) -> None:
-    """Raise ConfigError if the record of so many control periods is too large."""
+    """Raise ConfigError if the record of so many control periods is too large, ValueError for an impossible stride."""
+    if isinstance(stride, bool) or not isinstance(stride, int | np.integer) or stride < 1:
+        raise ValueError(f"stride must be a whole number of control periods, at least 1, got {stride!r}")
+    stride = min(int(stride), ticks)
     row = make_record(env.plant_task, stride, stride)
     needed = ticks / stride * sum(np.asarray(array).nbytes for array in row) / 2**30
     if needed > LARGEST_RECORD:

@@ -4,6 +4,7 @@ The sections are those of ``configs/sffr.yaml``; ``sections.py`` has their model
 """
 
 import os
+from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
@@ -199,6 +200,8 @@ def load_params(path: str | os.PathLike[str] | None = None) -> Params:
         ConfigError: if a file cannot be read or anything in it is unknown, missing or out of range; the message names
             the file, the key, the value and what is allowed, one line for each error.
     """
+    if isinstance(path, Mapping):
+        raise ConfigError("load_params reads a file; a mapping is given to an environment or evaluate as params=")
     return change_shipped(*read_mapping(find_config(path))) if path is not None else _shipped()
 
 

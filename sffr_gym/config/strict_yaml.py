@@ -60,8 +60,10 @@ def find_config(name: str | os.PathLike[str], folder: str = "") -> Path:
     Shipped names may lead into a folder below, ``practice/mixed`` in ``scenarios``.
 
     Raises:
-        ConfigError: if there is neither.
+        ConfigError: if there is neither, or for what is no name.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise ConfigError(f"{one_line(repr(name))}: must be the path of a file or the name of a shipped one")
     text, shipped_files = os.fspath(name), config_dir() / folder
     files = shipped_files.glob("**/*.yaml" if folder else "*.yaml")
     shipped = {file.relative_to(shipped_files).with_suffix("").as_posix(): file for file in files}
@@ -125,6 +127,8 @@ def apply_overrides(data: dict[str, Any], assignments: Sequence[str]) -> tuple[d
     """
     keys: dict[str, Key] = {}
     for assignment in assignments:
+        if not isinstance(assignment, str):
+            raise ConfigError(f"override {assignment!r}: must be a text such as 'panel.EI=25', each by itself")
         source = f"override '{one_line(assignment)}'"
         dotted, equals, text = assignment.partition("=")
         names = dotted.strip().split(".")

@@ -37,6 +37,7 @@ EIGHTH = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280, 0.0])
 STEP = 0.01  # rad, of angles; of other positions what moves the robot about as much
 RATE_STEP = 1.0  # rad/s; accelerations are quadratic in rates, for which any step is exact
 LARGEST_GAP = 1.0e-6  # m, of a grasp that counts as closed; what is left of it is closed exactly
+LABELLED = ("states", "inputs", "outputs")
 SINGULAR = 1.0e-6  # m2, least determinant of the two joints that place a gripper
 
 
@@ -68,6 +69,7 @@ class LinearModel:
     y0: Array  #: (k,) outputs of the operating point
     error: float  #: largest error of the derivatives, relative to the largest of the same direction
     free: IntArray  #: (n / 2,) where the states lie among all coordinates: base, joints, modes, object
+    size: int  #: number of all coordinates
     modal: Array  #: (n_p, n_m, n_f) modal amplitudes of a panel's nodal coordinates
     control_period: float  #: of the robot [s]
     period: float | None = None  #: sampling period [s], None for a continuous model
@@ -79,7 +81,7 @@ class LinearModel:
             period: sampling period [s]; the robot's control period if left out.
 
         Raises:
-            ValueError: for a period that is not positive, or if the model is discrete already.
+            ValueError: for a period that is not positive or too long for numbers, or if the model is discrete already.
         """
         period = self.control_period if period is None else float(period)
         if self.period is not None:
@@ -89,13 +91,19 @@ class LinearModel:
         n, m = self.B.shape
         whole = np.zeros((n + m + 1, n + m + 1))
         whole[:n] = np.column_stack([self.A, self.B, self.drift])
-        sampled = expm(period * whole)[:n]
+        with np.errstate(over="ignore", invalid="ignore"):
+            sampled = expm(period * whole)[:n]
+        if not np.isfinite(sampled).all():
+            raise ValueError(f"period = {period:g} s: the model grows beyond all numbers in that time")
         return replace(
             self, A=sampled[:, :n], B=sampled[:, n : n + m], drift=sampled[:, -1], period=period
         )  # fmt: skip
 
     def deviation(self, state: State) -> Array:
-        """Return the states ``x`` (n,) of the model for a state of the plant."""
+        """Return the states ``x`` (n,) of the model for a state of the plant; ValueError for one of another robot."""
+        (n_p, n_m, n_f), body = self.modal.shape, 0 if state.obj is None else len(state.obj)
+        if state.qf.shape != (n_p, n_f) or len(state.q) + n_p * n_m + body != self.size:
+            raise ValueError("the state is one of another robot than the model")
         parts = (state.q, state.qf, state.obj), (state.qd, state.qfd, state.objd)
         whole = [
             np.concatenate([rigid, np.einsum("pmf,pf->pm", self.modal, elastic).ravel(), [] if body is None else body])
@@ -117,7 +125,7 @@ class LinearModel:
         """
         import control  # optional
 
-        names = {key: [label.name for label in getattr(self, key)] for key in ("states", "inputs", "outputs")}
+        names = {key: [label.name for label in getattr(self, key)] for key in LABELLED}
         return control.ss(*self._matrices(), 0 if self.period is None else self.period, **names)
 
     def find(self, kind: str, *names: str) -> list[int]:
@@ -130,9 +138,11 @@ class LinearModel:
         Raises:
             KeyError: for a name that there is not.
         """
+        if kind not in LABELLED:
+            raise KeyError(f"{kind!r}: must be one of {', '.join(LABELLED)}")
         known = {label.name: k for k, label in enumerate(getattr(self, kind))}
         if unknown := [name for name in names if name not in known]:
-            raise KeyError(f"{', '.join(unknown)}: no such {kind}; there are {', '.join(known)}")
+            raise KeyError(f"{', '.join(map(str, unknown))}: no such {kind}; there are {', '.join(known)}")
         return [known[name] for name in names]
 
     def _matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -163,6 +173,7 @@ def linear_model(
 
     Raises:
         ValueError: if a grasp is open, or an arm so straight that it can hold nothing.
+        FloatingPointError: for a state so far out that nothing finite comes out.
     """
     p, v = closed(model, p, v)
     way, n, n_u = tangent(model, p, v), len(p), len(command)
@@ -193,6 +204,8 @@ def linear_model(
         largest = abs(columns[-1]).max(initial=0.0)
         errors.append(abs(columns[-1] - EIGHTH @ differences).max(initial=0.0) / largest if largest else 0.0)
     derivative, at = np.column_stack(columns), all_of(p, v, tau)
+    if not (np.isfinite(derivative).all() and np.isfinite(at).all()):
+        raise FloatingPointError("the equations of motion have no finite numbers at this state")
     A = np.zeros((2 * m, 2 * m))
     A[:m, m:], A[m:] = np.eye(m), derivative[:m, : 2 * m]
     labels = coordinate_labels(params, model)
@@ -202,7 +215,7 @@ def linear_model(
         D=derivative[m:, 2 * m :], drift=np.concatenate([v[way.free], at[:m]]), states=(*free, *map(rate_of, free)),
         inputs=command_labels(params, model, actuators), outputs=output_labels(params, model),
         x0=np.concatenate([p[way.free], v[way.free]]), u0=command.copy(), y0=at[m:], error=float(max(errors)),
-        free=way.free, modal=model.inverse, control_period=params.control.period,
+        free=way.free, size=n, modal=model.inverse, control_period=params.control.period,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Iterator
+from math import pi, remainder
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +102,10 @@ def initial_joints(params: Params) -> tuple[float, ...]:
 
 def _numbers(name: str, value: ArrayLike) -> Array:
     """Return an array of finite numbers of its own; raises ValueError for anything else."""
-    array = np.array(value, dtype=float)
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a list of numbers, got {value!r}; left out it is found") from None
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has entries that are not finite: {array.tolist()}")
     return array
@@ -242,4 +246,6 @@ class _Problem:
 
 def _text(pose: Array) -> str:
     """Return a pose as a file has it."""
-    return f"[{', '.join(f'{round(each, 4) + 0.0:g}' for each in pose)}]"
+    x, y, angle = pose.tolist()
+    shown = x, y, remainder(angle, 2.0 * pi) if abs(angle) > 2.0 * pi else angle  # of the solver's
+    return f"[{', '.join(f'{round(each, 4) + 0.0:g}' for each in shown)}]"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import nan
@@ -127,7 +128,7 @@ class EvaluationPlan:
 
 
 def plan_evaluation(
-    policies: Sequence[str],
+    policies: Iterable[str | os.PathLike[str]],
     scenario: ScenarioLike = "nominal",
     episodes: int | None = None,
     seed: int = EVALUATION_SEED,
@@ -140,7 +141,7 @@ def plan_evaluation(
     Raises:
         ConfigError: for anything that is not valid.
     """
-    chosen = resolve_scenario(scenario)
+    policies, chosen = policy_names(policies), resolve_scenario(scenario)
     resolved = resolve_robot(chosen, params, list(overrides))
     runners, skipped = fitting_policies(with_oracles(policies, chosen), resolved)
     asked = check_arguments(EpisodeRange, episodes=episodes, seed=seed)
@@ -193,7 +194,7 @@ def run_evaluation(plan: EvaluationPlan, progress: Progress = ignore) -> Evaluat
 
 
 def evaluate(
-    policies: Sequence[str],
+    policies: Iterable[str | os.PathLike[str]],
     scenario: ScenarioLike = "nominal",
     episodes: int | None = None,
     seed: int = EVALUATION_SEED,
@@ -219,6 +220,16 @@ def evaluate(
         ConfigError: for anything that is not valid; nothing has run then.
     """
     return run_evaluation(plan_evaluation(policies, scenario, episodes, seed, params, overrides, record), progress)
+
+
+def policy_names(policies: Iterable[str | os.PathLike[str]]) -> list[str]:
+    """Return the names of policies as a list of texts; raises ConfigError for what is none, such as a single name."""
+    listed = isinstance(policies, Iterable) and not isinstance(policies, str | bytes)
+    names = list(policies) if listed else []
+    if not listed or not all(isinstance(name, str | os.PathLike) for name in names):
+        shown = names if listed else policies
+        raise ConfigError(f"policies = {shown!r}: must be a list of names such as ['ahsc', 'mine.py:MyLaw']")
+    return [os.fspath(name) for name in names]
 
 
 def with_oracles(policies: Sequence[str], scenario: Scenario) -> list[str]:

@@ -50,8 +50,8 @@ def write_report(folders: Sequence[Path], out: Path | None = None, overwrite: bo
             raise ConfigError(f"{folder}: is given twice")
     for folder in folders:
         if not folder.is_dir() and names_policy(str(folder)):
-            run = f"sffr evaluate {folder} --out runs/mine, then sffr report runs/mine"
-            raise ConfigError(f"{folder}: is a policy, and a report shows runs of policies; {run}")
+            way = f"sffr evaluate {folder} --out runs/mine, then sffr report runs/mine"
+            raise ConfigError(f"{folder}: is a policy, and a report shows runs of policies; {way}")
     if out is not None:
         check_target(out, overwrite)
         text = report_page([read_run(folder) for folder in folders])
