@@ -127,6 +127,7 @@ def test_what_a_law_is_given_and_what_its_helpers_make(short, law):
         ("class Other(ControlLaw):\n    pass\n", ["has no Law", "laws in it: Other"]),
         ("class Law:\n    pass\n", ["Law is no law", "sffr_baselines.ControlLaw"]),
         ("def law(:\n", ["mine.py:4: invalid syntax"]),
+        ("x = '\0'\n", ["mine.py: source code string cannot contain null bytes"]),
         ("import nothing_of_that_name\n", ["mine.py:4", "ModuleNotFoundError"]),
     ],
 )  # fmt: skip
@@ -161,6 +162,9 @@ def test_a_missing_file_and_a_module(tmp_path, monkeypatch, law, short):
     law(simple(), "there.py")
     with pytest.raises(ConfigError, match=r"no such file; did you mean 'there\.py'"):
         make_policy(f"{tmp_path}/ther.py:Law", short)
+    (tmp_path / "folder.py").mkdir()
+    with pytest.raises(ConfigError, match=r"folder\.py: is no file"):
+        make_policy(f"{tmp_path}/folder.py:Law", short)
     with pytest.raises(ConfigError, match="no such module"):
         make_policy("nothing.of.that:Law", short)
     (tmp_path / "mypackage").mkdir()

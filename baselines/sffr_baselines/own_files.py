@@ -55,6 +55,8 @@ def own_file(name: OwnName) -> Path:
     if name.where.endswith(".py"):
         file = Path(name.where)
         if not file.is_file():
+            if file.exists():
+                raise ConfigError(f"{file}: is no file")
             others = [each.name for each in file.parent.glob("*.py")] if file.parent.is_dir() else []
             raise ConfigError(f"{file}: no such file{did_you_mean(file.name, others)}")
         return file
@@ -156,7 +158,7 @@ def _module(name: OwnName) -> ModuleType:
 def _explain(file: Path, what: str, error: BaseException) -> str:
     """Return an error with the last line of a file that led to it."""
     if isinstance(error, SyntaxError):
-        return f"{error.filename or file}:{error.lineno}: {error.msg}"
+        return f"{error.filename or file}{f':{error.lineno}' if error.lineno else ''}: {error.msg}"
     own = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == file.absolute()]
     where = f"{file}:{own[-1].lineno}" if own else str(file)
     return f"{where}: {what}: {type(error).__name__}: {error}"
