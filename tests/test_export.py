@@ -157,6 +157,7 @@ def test_forms_hold_the_same_numbers(run, tmp_path):
     ("arguments", "words"),
     [
         (["--rate", 300], ["rate = 300", "such as 250"]),
+        (["--rate", 0], ["0.0 must be at least 1e-06"]),
         (["--policy", "ahcs"], ["'ahcs'", "did you mean 'ahsc'?"]),
         (["--seed", 7], ["no episode", "7"]),
         (["--csv", "--mat"], ["give one of"]),

@@ -143,6 +143,8 @@ def test_what_is_wrong_is_told_with_file_and_line(law, body, words):
         (",gian=2", ["gian", "it has gain"]),
         (",gain", ["'gain' is no setting", "key=value"]),
         (",gain=[1", ["no YAML value"]),
+        (",gain=1,gain=2", ["gain is given twice"]),
+        (",gain=2e-3", None),
         ("", None),
         (",gain=[1, 2]", None),
     ],
@@ -151,7 +153,8 @@ def test_settings_are_those_of_the_constructor(law, short, settings, words):
     name = law(simple(more="    def __init__(self, gain=1.0):\n        self.gain = gain\n")) + settings
     if words is None:
         policy = make_policy(name, short)
-        assert (policy.name, policy._law.gain) == (f"Law{settings}", [1, 2] if settings else 1.0)
+        expected = {"": 1.0, ",gain=[1, 2]": [1, 2], ",gain=2e-3": 0.002}  # as in every file of the project
+        assert (policy.name, policy._law.gain) == (f"Law{settings}", expected[settings])
         return
     with pytest.raises(ConfigError) as error:
         make_policy(name, short)

@@ -15,13 +15,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import yaml
-
-from sffr_baselines.own_law import FAULTS, ControlLaw, OwnPolicy, UnfitError
+from sffr_baselines.own_law import FAULTS, ControlLaw, OwnPolicy, UnfitError, describe_error
 from sffr_gym.config.files import short_hash
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.suggestion import did_you_mean
+from sffr_gym.config.yaml_text import UNREADABLE, parse_yaml
 
 _NAME = re.compile(r"(?P<where>.+\.py|[A-Za-z_]\w*(\.[A-Za-z_]\w*)*):(?P<law>[A-Za-z_]\w*)(?P<settings>(,.*)?)", re.S)
 _SETTING = re.compile(r",(?=\s*[A-Za-z_]\w*\s*=)")  # commas between settings, not those within a list
@@ -99,9 +98,11 @@ def _settings(name: OwnName, text: str) -> dict[str, Any]:
         key, equals, value = part.partition("=")
         if not equals or not key.strip().isidentifier():
             raise ConfigError(f"{text}: {part.strip()!r} is no setting; write key=value, separated by commas")
+        if key.strip() in settings:
+            raise ConfigError(f"{text}: {key.strip()} is given twice")
         try:
-            settings[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError:
+            settings[key.strip()], _ = parse_yaml(value)
+        except UNREADABLE:
             raise ConfigError(f"{text}: {key.strip()} = {value.strip()!r}: no YAML value") from None
     return settings
 
@@ -161,4 +162,4 @@ def _explain(file: Path, what: str, error: BaseException) -> str:
         return f"{error.filename or file}{f':{error.lineno}' if error.lineno else ''}: {error.msg}"
     own = [frame for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == file.absolute()]
     where = f"{file}:{own[-1].lineno}" if own else str(file)
-    return f"{where}: {what}: {type(error).__name__}: {error}"
+    return f"{where}: {what}: {describe_error(error)}"

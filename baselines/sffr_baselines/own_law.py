@@ -34,6 +34,11 @@ class UnfitError(ConfigError):
     """A policy that cannot control this robot; where several run, it is skipped with this reason."""
 
 
+def describe_error(error: BaseException) -> str:
+    """Return the kind of an error, and what it says if anything."""
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
 class ControlLaw:
     """A control law of your own: derive from it, and run it as ``mine.py:MyLaw`` or ``package.module:MyLaw``.
 
@@ -206,8 +211,7 @@ class OwnPolicy:
             return UnfitError(f"{self.name}: {error}")
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if Path(frame.filename) == self.file.absolute()]
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        return ConfigError(f"{self._place(method, own[-1].lineno if own else None)}: {reason}")
+        return ConfigError(f"{self._place(method, own[-1].lineno if own else None)}: {describe_error(error)}")
 
     def _place(self, method: str = "__call__", line: int | None = None) -> str:
         """Return file, a line of a method, its first one if left out, and what the method is called."""

@@ -40,7 +40,8 @@ def number(least: float = -inf, most: float = inf) -> Callable[[str | float], fl
 def _within(value: float, least: float, most: float) -> float:
     """Return a value that lies in a range; raise the command line's error for another."""
     if not least <= value <= most:
-        raise typer.BadParameter(f"{value} must be from {least} to {most}")
+        bounds = f"from {least} to {most}" if most < inf else f"at least {least}"
+        raise typer.BadParameter(f"{value} must be {bounds}")
     return value
 
 
