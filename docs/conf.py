@@ -131,8 +131,12 @@ def _command_page(name: str, command: Any) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text without rich's marks; what looks like one and is none begins with a backslash."""
-    return re.sub(r"(?<!\\)\[(/|/?bold)\]", "", text).replace("\\[", "[")
+    """Return a text without rich's marks; what looks like one and is none begins with a backslash.
+
+    What is to be pasted is code, else its quotes would be those of printed text.
+    """
+    plain = re.sub(r"(?<!\\)\[(/|/?bold)\]", "", text).replace("\\[", "[")
+    return re.sub(r'pip install "[^"]+"', r"`\g<0>`", plain)
 
 
 def link_code(app: Sphinx, docname: str, content: list[str]) -> None:

@@ -14,7 +14,7 @@ from sffr_gym.envs.vector import SFFRFlexVectorEnv
 pytest.importorskip("PIL")
 from sffr_gym.physics.kinematics import modal_tip_deflections
 from sffr_gym.render.canvas import Canvas
-from sffr_gym.render.renderer import SIZE, Renderer, Snapshot, Style
+from sffr_gym.render.renderer import SIZE, Renderer, Snapshot, Style, label_place
 from sffr_gym.render.robot import PANEL, voltage_colour
 from sffr_gym.task.quasi_static import quasi_static_at
 
@@ -223,6 +223,17 @@ def test_number_above_is_the_swing_of_the_last_seconds(drawn, monkeypatch):
     p = renderer._quasi_static(snapshot._replace(t=20.0))
     renderer(snapshot._replace(t=20.0, p=p, trace=rows))
     assert "300 mm" in words and "swing of the tips, last 10 s" in words
+
+
+def test_no_path_strikes_out_how_much_of_it_is_done():
+    """A circle has room in its middle; a line, and a figure-eight that crosses there, have it below."""
+    turn, middle = np.linspace(0.0, 2.0 * np.pi, 91), np.array([66.0, 58.0])
+    circle = middle + 42.0 * np.column_stack([np.sin(turn), np.cos(turn)])
+    eight = middle + 42.0 * np.column_stack([np.sin(2.0 * turn) / 2.0, np.cos(turn)])
+    line = middle + np.column_stack([np.linspace(-42.0, 42.0, 91), np.linspace(5.0, -5.0, 91)])
+    assert label_place(circle, middle, 20.0) == (66.0, 58.0)
+    assert label_place(eight, middle, 20.0) == (66.0, 120.0)
+    assert label_place(line, middle, 20.0) == (66.0, 83.0)
 
 
 def test_vector_form_is_the_single_pictures():

@@ -66,4 +66,4 @@ def test_every_command_is_listed():
 
     text = (SITE / "commands.html").read_text(encoding="utf-8")
     assert [name for name in get_command(app).commands if f"sffr {name}" not in text] == []
-    assert "sffr-gym[video]" in text
+    assert "pip install &quot;sffr-gym[video]&quot;" in text.replace('</span> <span class="pre">', " ")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import sffr
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout
@@ -82,6 +83,16 @@ def test_a_linear_model_has_no_numbers_that_are_not_finite():
     state = plant.initial_state()
     with pytest.raises(FloatingPointError, match="no finite numbers at this state"):
         plant.linearize(dataclasses.replace(state, qf=state.qf + 1e200))
+
+
+def test_the_ending_of_a_linear_model_may_be_in_capitals(tmp_path):
+    assert sffr("linearize", "-o", tmp_path / "MODEL.NPZ").exit_code == 0
+    assert np.load(tmp_path / "MODEL.NPZ")["A"].shape == (28, 28)
+
+
+def test_a_number_of_too_many_digits_is_told_as_that():
+    result = sffr("evaluate", "none", "-n", "9" * 23)
+    assert result.exit_code == 2 and "is no whole number of at most 18 digits" in result.output
 
 
 def test_the_nearest_pose_has_an_angle_within_a_turn():

@@ -188,14 +188,16 @@ class Renderer:
     def _draw_map(self, canvas: Canvas, snapshot: Snapshot) -> None:
         """Draw the whole path at small, what was covered of it, and where the robot is."""
         u, reference, track, t = self._u, self.reference, self._track, snapshot.t
-        viewport = Viewport(track.centre, np.array([66 * u, self._top + 58 * u]), 42 * u / track.reach, u)
-        canvas.line(viewport(path_points(reference, np.linspace(0.0, track.span, 91))), AHEAD, 3.0 * u)
+        middle = np.array([66 * u, self._top + 58 * u])
+        viewport = Viewport(track.centre, middle, 42 * u / track.reach, u)
+        whole = viewport(path_points(reference, np.linspace(0.0, track.span, 91)))
+        canvas.line(whole, AHEAD, 3.0 * u)
         start = max(0.0, t - track.span) if track.closed else 0.0
         canvas.line(viewport(path_points(reference, np.linspace(start, t, 91))), COVERED, 3.0 * u)
         at = object_slice(self.model) if self.params.object is not None else slice(0, N_BASE)
         canvas.disc(viewport(snapshot.p[at][None, :2])[0], 4.0 * u, self.style.colour)
         share = 100.0 * min(t / track.span, 1.0)
-        canvas.text((66 * u, self._top + 58 * u), f"{share:.0f} %", 13 * u, FAINT, "mm")
+        canvas.text(label_place(whole, middle, 20 * u), f"{share:.0f} %", 13 * u, FAINT, "mm")
 
     def _draw_keys(self, canvas: Canvas, viewport: Viewport, snapshot: Snapshot, grasp: Array) -> None:
         """Draw what lengths and colours mean: deflections, a metre, plumes, arrows, voltages."""
@@ -270,3 +272,10 @@ class Renderer:
         volts, base, joints = self._sim.split(snapshot.applied)
         state = self._sim.unflatten(snapshot.t, snapshot.p, snapshot.v)
         return self._sim.grasp_forces(state, base=base, joints=joints, piezo_volts=volts)
+
+
+def label_place(line: Array, middle: Array, room: float) -> tuple[float, float]:
+    """Return where a label of a path is drawn: in its middle (2,), or below a path (k, 2) that has no such room."""
+    free = np.linalg.norm(line - middle, axis=1).min() > room
+    x, y = middle if free else (middle[0], line[:, 1].max() + room)
+    return float(x), float(y)

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 import typer
 
 MOST_JOBS = 4 * (os.cpu_count() or 1)  # more only take memory, some 200 MB each, whatever limits the default
-_WHOLE = re.compile(r"[-+]?[0-9]{1,18}")  # as in a file: no blanks, no 1_000, no digits of other scripts
+DIGITS = 18
+_WHOLE = re.compile(rf"[-+]?[0-9]{{1,{DIGITS}}}")  # as in a file: no blanks, no 1_000, no digits of other scripts
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 
@@ -20,7 +21,7 @@ def whole(least: float = -inf, most: float = inf) -> Callable[[str | int], int]:
 
     def whole_number(text: str | int) -> int:
         if not _WHOLE.fullmatch(str(text)):
-            raise typer.BadParameter(f"{str(text)[:60]!r} is no whole number")
+            raise typer.BadParameter(f"{str(text)[:60]!r} is no whole number of at most {DIGITS} digits")
         return int(_within(int(text), least, most))
 
     return whole_number

@@ -43,6 +43,7 @@ def linear_bytes(model: LinearModel, suffix: str) -> bytes:
         ConfigError: for another one.
     """
     arrays, file = linear_arrays(model), io.BytesIO()
+    suffix = suffix.lower()
     if suffix == ".mat":
         cells = {name: array.astype(object) for name, array in arrays.items() if np.asarray(array).dtype.kind == "U"}
         savemat(file, arrays | cells, do_compression=True, oned_as="column")
@@ -55,5 +56,5 @@ def linear_bytes(model: LinearModel, suffix: str) -> bytes:
 
 def check_suffix(file: Path) -> None:
     """Make sure that a file's ending is one of a linear model; raises ConfigError."""
-    if file.suffix not in LINEAR_SUFFIXES:
+    if file.suffix.lower() not in LINEAR_SUFFIXES:
         raise ConfigError(f"{file}: a linear model is written as {' or '.join(LINEAR_SUFFIXES)}")
