@@ -7,11 +7,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints-dev.txt
 INSTALL := $(PIP) --no-build-isolation --editable
-# What building the package needs, of pyproject.toml: the kernels are compiled with the versions that are tested.
-NEEDS := import shutil, tomllib; link = [] if any(map(shutil.which, ("cc", "gcc", "clang"))) else ["ziglang"]; read = tomllib.load(open("pyproject.toml", "rb")); own = read["project"]; print(*read["build-system"]["requires"], *own["dependencies"], *own["optional-dependencies"]["compile"], *link, sep="\n")
+# What the package needs is installed, with extras, while its kernels are compiled: with the versions that are tested.
+NEEDS := $(BIN)/python .ci/needs.py
+BESIDE = $(BIN)/python hatch_build.py & $(NEEDS) $(1) > $@.txt && $(PIP) -r $@.txt; status=$$?; wait $$! && exit $$status
 ROOMS := sffr_gym baselines agents workbench tests docs
 POLICIES := none hsc ahsc ppo sac
 PYTEST_ARGS ?=
+# Two workers share the processors: threads of libraries that wait, do so without turning.
+PYTEST := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 # Tests that run in minutes with kernels as Python, and need no lanes, which only compiled ones have.
 COVERED := actuators angles beam dynamics episode episode_end fleet metrics mic observation oracle overrides param_files \
 	param_ranges params piezo policies printed_panel reference regulator scenario score stability statistics suite_hash \
@@ -46,10 +49,10 @@ train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their sco
 	$(BIN)/sffr seeds runs/train-excited
 
 test: $(VENV)/.dev ## the tests, but the slow ones
-	$(BIN)/python -m pytest -n 2 -m "not slow" $(PYTEST_ARGS)
+	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
 
 proofs: $(VENV)/.dev ## the slow tests: flipped signs, other engines, killed commands, built wheels
-	$(BIN)/python -m pytest -n 2 -m slow $(PYTEST_ARGS)
+	$(PYTEST) -m slow $(PYTEST_ARGS)
 
 coverage: $(VENV)/.dev ## lines and branches of sffr_gym and sffr_baselines that tests run with kernels as Python
 	SFFR_INTERPRETED=1 $(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term $(COVERED:%=tests/test_%.py)
@@ -100,22 +103,25 @@ clean: ## remove the virtual environment, tool caches and build products, but no
 # What is installed is installed again when the list of dependencies or of their versions changes, and only then.
 $(VENV)/.needs: pyproject.toml constraints.txt constraints-dev.txt | $(BIN)/pip
 	@echo "Installing what the package is built with into $(VENV) ..."
-	@$(BIN)/python -c '$(NEEDS)' > $@.txt
+	@$(NEEDS) > $@.txt
 	@$(PIP) -r $@.txt
 	@touch $@
 
 $(VENV)/.run: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package into $(VENV), and compiling its kernels ..."
+	@$(call BESIDE,plot report)
 	@$(INSTALL) ".[plot,report]"
 	@touch $@
 
 $(VENV)/.verify: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package and the engines that it is checked against into $(VENV) ..."
+	@$(call BESIDE,verify)
 	@$(INSTALL) ".[verify]"
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt constraints-dev.txt | $(VENV)/.needs
 	@echo "Installing the package with all that its tests need into $(VENV) (a few minutes the first time) ..."
+	@$(call BESIDE,dev)
 	@$(INSTALL) ".[dev]"
 	@touch $@ $(VENV)/.run $(VENV)/.verify
 

@@ -1,6 +1,7 @@
 """Compiles the kernels when a wheel is built or a checkout is installed; see ``sffr_gym/compile/builder``.
 
-Also makes the text that a package index shows of the README.
+Also makes the text that a package index shows of the README. Run as a program it compiles them ahead, while pip fetches
+what else is installed.
 """
 
 import os
@@ -30,14 +31,18 @@ class CompiledKernels(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the library, and tag the wheel with the platform that it is for."""
-        root = Path(self.root)
-        places = [str(root / place) for place in (".", "baselines", "workbench")]
-        paths = os.pathsep.join([*places, os.environ.get("PYTHONPATH", "")])
-        levels = os.environ.get("SFFR_LEVELS", "").split()
-        command = [sys.executable, "-m", "sffr_gym.compile.builder", str(root / FOLDER), *levels]
-        subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})
+        compile_kernels(Path(self.root))
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
+
+
+def compile_kernels(root: Path) -> None:
+    """Build the library of a checkout, unless it is there and of the present sources."""
+    places = [str(root / place) for place in (".", "baselines", "workbench")]
+    paths = os.pathsep.join([*places, os.environ.get("PYTHONPATH", "")])
+    levels = os.environ.get("SFFR_LEVELS", "").split()
+    command = [sys.executable, "-m", "sffr_gym.compile.builder", str(root / FOLDER), *levels]
+    subprocess.run(command, check=True, cwd=root, env=os.environ | {"PYTHONPATH": paths, "SFFR_INTERPRETED": "1"})
 
 
 class IndexReadme(MetadataHookInterface):
@@ -56,3 +61,7 @@ def index_text(readme: str) -> str:
     """
     without_pictures = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n+(\*[^*].*?\n\n)?", "", readme, flags=re.DOTALL)
     return re.sub(r"\[([^\]]*)\]\((?!https?:|#)[^)]*\)", r"\1", without_pictures)
+
+
+if __name__ == "__main__":
+    compile_kernels(Path(__file__).parent.resolve())

@@ -2,5 +2,5 @@
 
 ``options``: the compiler's settings; ``lanes``, ``views``: its types for numbers in lanes and for arguments;
 ``frontend``: kernels become its intermediate representation; ``emission``: that becomes a shared object; ``parts``:
-what is compiled side by side.
+what is compiled together.
 """

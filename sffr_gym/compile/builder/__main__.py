@@ -13,13 +13,14 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from sffr_gym.compile.builder.emission import link
-from sffr_gym.compile.builder.parts import build_part, parts, sources
+from sffr_gym.compile.builder.emission import emit, link
+from sffr_gym.compile.builder.parts import Symbols, groups, represent, sources
 from sffr_gym.compile.library import HOST, LEVELS, MANIFEST, current_manifest, hash_of, own_levels
 from sffr_gym.compile.threads import available_cores
 from sffr_gym.config.files import to_json
@@ -27,15 +28,7 @@ from sffr_gym.config.files import to_json
 
 def build(folder: Path, levels: Sequence[str]) -> None:
     """Build the library into a folder."""
-    labels, functions, objects = parts(), defaultdict[str, dict[str, str]](dict), defaultdict[str, list[bytes]](list)
-    with ProcessPoolExecutor(
-        min(available_cores(), len(labels)), mp_context=get_context("spawn"), max_tasks_per_child=1
-    ) as pool:
-        for symbols, emitted in pool.map(build_part, labels, [levels] * len(labels)):
-            for name, forms in symbols.items():
-                functions[name] |= forms
-            for level, content in emitted.items():
-                objects[level].append(content)
+    functions, objects = compiled(groups(), levels)
     modules = sources()
     manifest: dict[str, Any] = {"sources": hash_of(modules), "modules": modules, "functions": functions, "files": {}}
     with tempfile.TemporaryDirectory(dir=folder) as place:
@@ -49,6 +42,19 @@ def build(folder: Path, levels: Sequence[str]) -> None:
     for file in folder.glob("kernels-*.so"):  # of earlier builds
         if file.name not in manifest["files"].values():
             file.unlink()
+
+
+def compiled(labels: Sequence[Sequence[str]], levels: Sequence[str]) -> tuple[Symbols, dict[str, list[bytes]]]:
+    """Return the entries' symbols and, by level, object files; all processors work."""
+    functions, emitted = defaultdict[str, dict[str, str]](dict), dict[tuple[str, str], Future[bytes]]()
+    with ProcessPoolExecutor(available_cores(), mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for done in as_completed([pool.submit(represent, group) for group in labels]):
+            symbols, bitcode = done.result()
+            for part in symbols.values():
+                for name, forms in part.items():
+                    functions[name] |= forms
+            emitted |= {(a, label): pool.submit(emit, bitcode[label], a) for label in bitcode for a in levels}
+        return functions, {a: [emitted[a, label].result() for label in chain(*labels)] for a in levels}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -65,15 +65,16 @@ class Frontend:
 
     Args:
         label: a part of their symbols.
+        kinds: makes the types of their arguments; with the same one, kernels of another front end are found again.
 
     Attributes:
         symbols: of the entries, by name and form of the arguments.
     """
 
-    def __init__(self, label: str) -> None:
+    def __init__(self, label: str, kinds: TypeMaker | None = None) -> None:
         self._label = label.replace(" ", "_")
         self.symbols: dict[str, dict[str, str]] = {}
-        self._types, self._libraries = TypeMaker(), dict[Any, None]()
+        self._types, self._libraries = kinds or TypeMaker(), dict[Any, None]()
         self._wrappers: list[str] = []
 
     def add(self, entry: Entry, arguments: tuple[Any, ...]) -> None:
