@@ -116,7 +116,7 @@ def test_interrupted_run_goes_on(suite, tmp_path):
     """An interrupt in the middle of the command leaves only finished episodes, which the next call keeps."""
     scenario = tmp_path / "long.yaml"
     scenario.write_text(SWINGING.format(20.0))
-    arguments = ["benchmark", "hsc", "ahsc", "-s", str(scenario), "-n", "30", "-j", "2", "--no-figures"]
+    arguments = ["benchmark", "hsc", "ahsc", "-s", str(scenario), "-n", "16", "-j", "2", "--no-figures"]
     command = [sys.executable, "-m", "sffr_workbench.cli.app", *arguments, "-o", str(tmp_path / "run")]
     running = subprocess.Popen(
         command, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True,
@@ -129,11 +129,11 @@ def test_interrupted_run_goes_on(suite, tmp_path):
     _, errors = running.communicate(timeout=60)
     before = kept(tmp_path / "run")
     assert running.returncode == 130 and "the same command goes on" in errors
-    assert 4 <= len(before) < 60 and not list((tmp_path / "run").glob("results.md"))
+    assert 4 <= len(before) < 32 and not list((tmp_path / "run").glob("results.md"))
     assert subprocess.run(command, cwd=ROOT, capture_output=True).returncode == 0
     after = kept(tmp_path / "run")
-    assert len(after) == 60 and before.items() <= after.items()
-    fresh = Plan(("hsc", "ahsc"), (str(scenario),), 30, SEED, load_params())
+    assert len(after) == 32 and before.items() <= after.items()
+    fresh = Plan(("hsc", "ahsc"), (str(scenario),), 16, SEED, load_params())
     assert read_episodes(tmp_path / "run") == episodes_of(fresh, tmp_path / "fresh", jobs=1)
 
 

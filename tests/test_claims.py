@@ -145,6 +145,7 @@ def test_staggering_is_an_approximation_at_best(error, verdict):
     assert claims.staggering(compared(error=error)).verdict == verdict
 
 
+@pytest.mark.slow  # `sffr verify` compares the same codes
 def test_independent_codes_are_compared_for_real():
     found = cross_checks.run_cross_checks()
     assert found.equations.passed and found.equations.error > 0.0

@@ -1,5 +1,6 @@
 """Environments on a GPU: their code, compiled for the processor as well, gives the processor's bits; and PTX."""
 
+import os
 import re
 from typing import Any, NamedTuple
 
@@ -43,9 +44,11 @@ CAPABILITY = "sm_90"
 
 @pytest.fixture(scope="module", autouse=True)
 def programs(tmp_path_factory):
-    """A folder for what is compiled, of this run alone."""
+    """A folder for what is compiled, of this run alone; its workers share it, and compile everything once."""
+    place = tmp_path_factory.getbasetemp()
+    place = place.parent if "PYTEST_XDIST_WORKER" in os.environ else place
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SFFR_CACHE", str(tmp_path_factory.mktemp("programs")))
+        patch.setenv("SFFR_CACHE", str(place / "programs"))
         yield
 
 
@@ -206,7 +209,7 @@ def test_a_gpu_agrees_with_the_processor(scenario):
         np.testing.assert_array_equal(found[2].get(), expected[2])
 
 
-@pytest.mark.parametrize("policy", ["ahsc", "ppo"])
+@pytest.mark.parametrize("policy", ["ahsc", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_a_law_acts_as_on_the_processor(policy):
     native, device = pair(SFFRFlexVectorEnv, 2, scenario="excited")
     obs, _ = native.reset(seed=1)
@@ -303,7 +306,16 @@ def test_plants_that_differ_in_numbers_share_a_program():
     assert build([first], "host") != build([second._replace(arguments=(more, *second.arguments[1:]))], "host")
 
 
-@pytest.mark.parametrize("kind", [SFFRFlexVectorEnv, pytest.param(SFFRFlexDampingVectorEnv, marks=pytest.mark.slow)])
+def test_a_thread_compiles_for_a_gpu():
+    pytest.importorskip("cuda.pathfinder")
+    ptx = build([combined(own=True)[0]], CAPABILITY).read_text()
+    assert re.findall(r"\.entry (\w+)", ptx) == ["combine"]
+    assert ".extern" not in ptx
+    assert f".target {CAPABILITY}" in ptx
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [SFFRFlexVectorEnv, SFFRFlexDampingVectorEnv])
 def test_everything_compiles_for_a_gpu(kind):
     """PTX with nothing unresolved, whose threads keep little in memory: loops unroll and arrays come apart."""
     pytest.importorskip("cuda.pathfinder")
@@ -314,6 +326,7 @@ def test_everything_compiles_for_a_gpu(kind):
     assert max(map(int, re.findall(r"__local_depot\d+\[(\d+)\]", ptx))) < 4096  # bytes of each thread
 
 
+@pytest.mark.slow
 def test_a_learned_schedule_compiles_for_a_gpu():
     """Its network calls what the laws do not: all of it is found in libdevice."""
     pytest.importorskip("cuda.pathfinder")
