@@ -3,6 +3,7 @@
 import ast
 import fnmatch
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -153,3 +154,14 @@ def test_errata_have_every_choice_that_is_not_the_papers():
     }
     assert len(ours) > 20
     assert sorted(ours - told) == []
+
+
+def test_the_start_names_every_extra_and_what_all_leaves_out():
+    """Those of users: not what documents and develops the project."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    table = re.search(r"\| extra \|.*?\n\n", (ROOT / "docs" / "start.md").read_text(encoding="utf-8"), re.S)[0]
+    rows = " ".join(re.findall(r"^\| ([^|]*) \|", table, re.M))
+    assert set(re.findall(r"`([a-z]+)`", rows)) == set(extras) - {"dev", "docs"}
+    left = re.search(r"all of these but (.*?) \|", table)[1]
+    brought = set(re.search(r"\[(.*)\]", extras["all"][0])[1].split(","))
+    assert set(re.findall(r"`([a-z]+)`", left)) == set(extras) - {"dev", "docs", "all"} - brought
