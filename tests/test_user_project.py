@@ -4,6 +4,10 @@ import subprocess
 import sys
 
 import pytest
+from packaging.requirements import Requirement
+
+from sffr_gym.compile import library
+from sffr_workbench.common import installation
 
 FOLDERS = ["agents", "baselines", "configs", "docs", "tests", "verification", "workbench"]
 PACKAGES = {  # kinds of a user's packages: their files
@@ -59,3 +63,20 @@ def test_a_users_modules_come_first(project):
     """The repository's folders are namespace packages behind those of the user where its root is on the path."""
     found = run("-c", f"import sffr_gym, sffr_workbench\n{OWN_MODULES}", cwd=project)
     assert (found.stdout, found.stderr) == ("{'user'}\n", "")
+
+
+def test_files_of_the_working_directory_are_no_modules_of_our_own_processes(tmp_path, monkeypatch):
+    """Those that compile, and those in which ``sffr doctor`` looks at an extra."""
+    for name in ("json", "numpy"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('of the user')\n")
+    monkeypatch.chdir(tmp_path)
+    asked = []
+    monkeypatch.setattr(library.subprocess, "run", lambda command, **options: asked.append((command, options)))
+    library.build_library("compiling")
+    monkeypatch.undo()
+    ((command, options),) = asked
+    flags = command[: command.index("-m")]
+    module = command[command.index("-m") + 1]
+    subprocess.run([*flags, "-c", f"import {module}"], cwd=tmp_path, check=True, env=options["env"])
+    monkeypatch.chdir(tmp_path)
+    assert "broken" not in installation._extra("plot", [Requirement("numpy>=1")]).state

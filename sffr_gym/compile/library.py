@@ -124,7 +124,8 @@ def build_library(message: str, *arguments: str) -> None:
         raise LookupError("to compile them needs pip install 'sffr-gym[compile]'")
     print(message, file=sys.stderr, flush=True)
     paths = os.pathsep.join(path for path in sys.path if path)
-    command = [sys.executable, "-m", "sffr_gym.compile.builder", str(FOLDER), *arguments]
+    # -P: a json.py of the working directory is not the builder's
+    command = [sys.executable, "-P", "-m", "sffr_gym.compile.builder", str(FOLDER), *arguments]
     subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": paths, INTERPRETED: "1"})
 
 

@@ -149,7 +149,7 @@ def _build(request: bytes, target: str, file: Path) -> None:
     with tempfile.TemporaryDirectory(dir=file.parent) as folder:
         (asked := Path(folder) / "request").write_bytes(request)
         made = Path(folder) / file.name
-        command = [sys.executable, "-m", "sffr_gym.compile.cuda", str(asked), target, str(made)]
+        command = [sys.executable, "-P", "-m", "sffr_gym.compile.cuda", str(asked), target, str(made)]
         subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": paths, INTERPRETED: "1"})
         os.replace(made, file)
 

@@ -135,7 +135,7 @@ def _extra(extra: str, needed: list[Requirement]) -> Finding:
         return Finding(f"[{extra}]", "nothing of its own")
     try:
         done = subprocess.run(
-            [sys.executable, "-c", f"import {', '.join(modules)}"], capture_output=True, text=True, timeout=IMPORT
+            [sys.executable, "-P", "-c", f"import {', '.join(modules)}"], capture_output=True, text=True, timeout=IMPORT
         )
     except subprocess.TimeoutExpired:
         return Finding(f"[{extra}]", f"{shown}; its import takes longer than {IMPORT:.0f} s", "look at the disk")
