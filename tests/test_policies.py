@@ -7,6 +7,7 @@ import pytest
 from sffr_baselines import POLICIES, make_policy
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import shipped_policies
+from sffr_baselines.policies import check_titles
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -45,6 +46,21 @@ def test_unknown_name_raises(name, nearest):
         make_policy(name, load_params())
     assert (f"did you mean '{nearest}'?" if nearest else "'runs/best' (known") in str(error.value)
     assert all(known in str(error.value) for known in POLICIES)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["ahsc", "hsc", "ahsc"], "policy 'ahsc' is given twice"),
+        (["one/best.npz", "ahsc", "two/one/best.npz"], "two policies would be called 'one/best'"),
+        (["a\nb.npz"], "its name must be text on one line"),
+    ],
+)
+def test_tables_can_tell_policies_apart(names, message):
+    """A file is called by its folder and its own name."""
+    with pytest.raises(ConfigError, match=message):
+        check_titles(names)
+    check_titles(["ahsc", "hsc", "one/best.npz", "two/best.npz", "two/last.npz"])
 
 
 @pytest.mark.parametrize("name", [name for name in POLICIES if name not in ORACLES.values()])

@@ -20,3 +20,12 @@ def test_verdicts_and_units_of_scores():
     shares = {policy: [cell.share for cell in cells] for policy, cells, _ in odd.rows}
     at = [title for title, _ in odd.heads].index("vibration")
     assert (shares["ahsc"][at], shares["none"][at]) == (0.0, 1.0)
+
+
+def test_the_cost_stands_first_where_ahsc_took_part():
+    """In units of AHSC's; without it there is no such column."""
+    group = {"ahsc": [made_up("ahsc", 1e-3)], "none": [made_up("none", 3e-3)]}
+    table = score_table("s", group)
+    assert table.heads[0] == ("cost", "ahsc = 1") and [title for title, _ in table.heads].count("cost") == 1
+    assert [cells[0].text for _, cells, _ in table.rows] == ["1.00", "2.20"]
+    assert "cost" not in [title for title, _ in score_table("s", {"none": group["none"]}).heads]

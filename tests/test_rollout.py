@@ -1,0 +1,50 @@
+"""Rollouts one by one and many at once, what they record, and what they would take."""
+
+import numpy as np
+import pytest
+
+from sffr_baselines import make_policy
+from sffr_baselines.rollout import result_of, rollout, rollouts, true_observations
+from sffr_gym import ConfigError, SFFRFlexEnv
+from sffr_gym.task.scenario import load_scenario
+
+
+@pytest.mark.parametrize("name", ["ahsc", "random", "ahsc-oracle"])
+def test_rollouts_are_those_of_each_seed(user_scenario, name):
+    """To the last bit, in order; each tells of every control period once."""
+    scenario = user_scenario(duration=0.014, panel_modes=[{"mode": 1, "amplitude": [0.1, 0.2]}])
+    env, done = SFFRFlexEnv(scenario), []
+    policy = make_policy(name, env)
+    found = list(rollouts(env, policy, [3, 5], done.append, stride=2))
+    assert sum(done) == 2 * 7 and [each.seed for each in found] == [3, 5]
+    for each in found:
+        alone = rollout(env, policy, each.seed, stride=2)
+        for field in ("t", "p", "v", "obs", "applied", "signals", "tips"):
+            np.testing.assert_array_equal(getattr(each, field), getattr(alone, field))
+    assert not np.array_equal(found[0].p, found[1].p)
+
+
+def test_states_are_recorded_every_so_many_periods(user_scenario):
+    """The first row is the first control period's start; signals and tips are of every period."""
+    env = SFFRFlexEnv(user_scenario(duration=0.014))
+    trajectory = rollout(env, make_policy("ahsc", env), 0, stride=3)
+    np.testing.assert_allclose(trajectory.t, [0.0, 0.006, 0.012], rtol=1e-12)
+    assert len(trajectory.signals) == len(trajectory.tips) == 7 and len(trajectory.p) == len(trajectory.obs) == 3
+    assert (trajectory.policy, trajectory.period, trajectory.failure) == ("ahsc", 0.002, "")
+    np.testing.assert_allclose(true_observations(trajectory), trajectory.obs, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("duration", "there"), [(0.02, False), (0.022, True), (0.018, False)])
+def test_there_is_a_residual_swing_only_after_an_arrival(duration, there):
+    """Not of an episode that ends with it."""
+    line = ["path.kind=line", "path.time=0.02", "path.displacement=[1.0e-6, 0.0]"]
+    env = SFFRFlexEnv(load_scenario("nominal").with_changes(duration=duration, robot=line))
+    measures = result_of(rollout(env, make_policy("none", env), 0)).measures
+    assert ("residual_tip" in measures) == there and measures["duration"] == pytest.approx(duration)
+
+
+def test_memory_is_that_of_the_arrays(user_scenario):
+    """14 numbers of 8 bytes a control period and 116 every 25: 149 bytes, 6.9 GiB in a hundred thousand seconds."""
+    env = SFFRFlexEnv(user_scenario(duration=1.0e5))
+    with pytest.raises(ConfigError, match=r"an episode of 1e\+05 s, 5e\+07 control periods, would take 6\.9\d GiB"):
+        rollout(env, make_policy("none", env), 0)
