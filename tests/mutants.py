@@ -5,7 +5,7 @@ are accepted with a reason. Every outcome is written at once to a folder, from w
 module whose source has changed begins again. Modules of ``sffr_gym`` and ``sffr_baselines``, whose edits would compile
 the kernels again, run as Python; for all others these two packages come from the checkout, compiled.
 
-    python tests/mutants.py [--sample N] [--draw K] [--again] [--report FILE] [MODULE ...]
+    python tests/mutants.py [--sample N] [--draw K] [--again] [--known] [--report FILE] [MODULE ...]
 
 Exit code 1 if a mutant survives without a reason.
 """
@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator
+from mutants_report import Tested, report
 
 from sffr_gym.config.files import to_json, write_whole
 
@@ -73,6 +74,13 @@ class Mutant(NamedTuple):
     def reason(self) -> str:
         """Why it is accepted that no test notices it; empty if it is not."""
         return next((str(entry["reason"]) for entry in CONFIG.get("accepted", ()) if matches(entry, self)), "")
+
+    @property
+    def changed(self) -> str:
+        """What the change puts in the place of its line."""
+        before = (ROOT / self.module).read_text(encoding="utf-8").splitlines()
+        after = self.source().splitlines()
+        return " ".join(" ".join(new.split()) for old, new in zip(before, after, strict=False) if old != new)
 
     def source(self) -> str:
         """The module with the change."""
@@ -250,7 +258,7 @@ def run(mutants: list[Mutant], outcomes: dict[str, Outcomes], workers: int) -> N
                 mutant, outcome = done.result()
                 outcomes[mutant.module][mutant] = outcome
                 if outcome == SURVIVED and not mutant.reason:
-                    print(f"{mutant.module}:{mutant.line} {mutant.function}: {_changed(mutant)}", flush=True)
+                    print(f"{mutant.module}:{mutant.line} {mutant.function}: {mutant.changed}", flush=True)
 
 
 def _limits(module: str, copies: Queue[Copy]) -> Limits:
@@ -271,46 +279,10 @@ def _cpu() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def report(chosen: dict[str, list[Mutant]], outcomes: dict[str, Outcomes]) -> str:
-    """Counts by module and all survivors, as Markdown."""
-    head = "| module | mutants | tested | caught | survived with a reason | without |"
-    rows, survivors, sums = [], [], [0] * 5
-    for module, mutants in chosen.items():
-        tested = [mutant for mutant in mutants if outcomes[module][mutant]]
-        alive = [mutant for mutant in tested if outcomes[module][mutant] == SURVIVED]
-        explained = sum(bool(mutant.reason) for mutant in alive)
-        counts = [len(mutants_of(module)), len(tested), len(tested) - len(alive), explained, len(alive) - explained]
-        sums = [total + count for total, count in zip(sums, counts, strict=True)]
-        rows.append(f"| `{module}` | {' | '.join(map(str, counts))} |")
-        for mutant in alive:
-            cells = (
-                f"`{module}:{mutant.line}`", f"`{mutant.function}`" if mutant.function else "", mutant.operator,
-                _code(mutant.text), _code(_changed(mutant)), mutant.reason or "**none**",
-            )  # fmt: skip
-            survivors.append(f"| {' | '.join(cells)} |")
-    share = 100.0 * sums[2] / max(sums[1], 1)
-    return "\n".join([
-        "# Mutants", "",
-        "Single changes of operators, numbers and conditions, and whether the tests notice them; the equations of "
-        "motion, the integrators, the actuators and the laws' terms have `python -m sffr_workbench.verify.flips` "
-        "besides. Written by `make mutants`; `tests/mutants.toml` says what is changed, which tests run, and why a "
-        "survivor is accepted.", "",
-        f"{sums[2]} of {sums[1]} tested mutants are caught, {share:.1f} %.", "",
-        head, "|---|" + "--:|" * 5, *rows, f"| all | {' | '.join(map(str, sums))} |", "",
-        "## Survivors", "",
-        "| place | function | operator | line | changed to | why it stays |", "|---|" + "---|" * 5, *survivors, "",
-    ])  # fmt: skip
-
-
-def _changed(mutant: Mutant) -> str:
-    """What the change puts in the place of its line."""
-    before = (ROOT / mutant.module).read_text(encoding="utf-8").splitlines()
-    after = mutant.source().splitlines()
-    return " ".join(" ".join(new.split()) for old, new in zip(before, after, strict=False) if old != new)
-
-
-def _code(text: str) -> str:
-    return "`" + text.replace("|", "\\|") + "`"
+def _tested(module: str, mutants: list[Mutant], outcomes: Outcomes) -> Tested:
+    """What is known of a module's chosen mutants."""
+    known = [mutant for mutant in mutants if outcomes[mutant]]
+    return Tested(module, len(mutants_of(module)), len(known), [each for each in known if outcomes[each] == SURVIVED])
 
 
 def main() -> int:
@@ -320,6 +292,7 @@ def main() -> int:
     parser.add_argument("--sample", type=int, metavar="N", help="so many mutants of each module; all without")
     parser.add_argument("--draw", type=int, default=0, metavar="K", help="another sample for another number")
     parser.add_argument("--again", action="store_true", help="test those again that survived without a reason")
+    parser.add_argument("--known", action="store_true", help="test none that was not tested before")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="tests side by side")
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the counts and survivors, as Markdown")
     arguments = parser.parse_args()
@@ -332,10 +305,11 @@ def main() -> int:
 
     def is_due(mutant: Mutant) -> bool:
         known = outcomes[mutant.module][mutant]
-        return known is None or (arguments.again and known == SURVIVED and not mutant.reason)
+        return (not arguments.known and known is None) or (arguments.again and known == SURVIVED and not mutant.reason)
 
-    run([mutant for mutants in chosen.values() for mutant in mutants if is_due(mutant)], outcomes, arguments.workers)
-    text = report(chosen, outcomes)
+    if due := [mutant for mutants in chosen.values() for mutant in mutants if is_due(mutant)]:
+        run(due, outcomes, arguments.workers)
+    text = report([_tested(module, mutants, outcomes[module]) for module, mutants in chosen.items()])
     if arguments.report:
         write_whole(arguments.report, text.encode())
     print(text)

@@ -46,6 +46,25 @@ def test_modules_have_mutants_and_tests(module):
         compile(changed, module, "exec")
 
 
+def test_report_counts_by_package_and_names_survivors():
+    """Of two modules with a survivor each, one of them with a reason, and one that was not tested."""
+    task, _, other = (mutants.mutants_of(name) for name in list(mutants.MODULES)[:3])
+    accepted = next(mutant for mutant in mutants.mutants_of("sffr_gym/task/control_period.py") if mutant.reason)
+    page = mutants.report([
+        mutants.Tested(task[0].module, len(task), 6, [task[0]]),
+        mutants.Tested("baselines/sffr_baselines/x.py", 9, 4, [accepted]),
+        mutants.Tested(other[0].module, len(other), 0, []),
+    ])  # fmt: skip
+    assert "8 of 10 tested mutants are caught, 80.0 %; of those without an accepted reason 8 of 9, 88.9 %." in page
+    assert f"Not tested: `{other[0].module}`." in page and "Only a sample" in page
+    assert (
+        f"| `sffr_gym` | {len(task)} | 6 | 5 | 0 | 1 |" in page and "| `sffr_baselines` | 9 | 4 | 3 | 1 | 0 |" in page
+    )
+    assert f"| all | {len(task) + 9} | 10 | 8 | 1 | 1 |" in page
+    assert task[0].changed in page and "**none**" in page and accepted.reason in page
+    assert "Only a sample" not in mutants.report([mutants.Tested("sffr_gym/x.py", 2, 2, [])])
+
+
 @pytest.mark.parametrize("entry", mutants.CONFIG.get("accepted", ()), ids=lambda entry: entry["line"])
 def test_accepted_lines_are_still_there(entry):
     assert any(mutants.matches(entry, mutant) for mutant in mutants.mutants_of(entry["module"]))
