@@ -9,8 +9,8 @@ from sffr_agents.config import load_config
 from sffr_agents.folder import CHECKPOINTS
 
 SMALL = [
-    "n_envs=2", "environment.duration=1.0", "network.hidden=[8, 8]", "validation.scenarios=[nominal]",
-    "validation.duration=0.2", "validation.every=150", "checkpoints.every=64",
+    "n_envs=2", "environment.duration=1.0", "network.hidden=[8, 8]", "network.actor=null",
+    "validation.scenarios=[nominal]", "validation.duration=0.2", "validation.every=150", "checkpoints.every=64",
 ]  # fmt: skip
 PPO_SMALL = [*SMALL, "steps=200", "learning.n_steps=8", "learning.batch_size=16", "learning.n_epochs=2"]
 REPLAY_SMALL = [

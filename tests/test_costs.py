@@ -39,7 +39,7 @@ def at_once():
         *(("rho", value) for value in (0.5, 0.0, -10.0, np.nan, np.inf, 1e300, True)),
         *(("agent_period", value) for value in (0.0, -0.1, 0.003, 100.0, 1e300, np.nan, np.inf, "0.1")),
         *(("base_tolerance", value) for value in (0.0, -1.0, 1e-300, np.nan, np.inf)),
-        ("law", "lqr"),
+        ("law", "ppf"),
     ],
 )
 def test_arguments_of_the_damping_environment_have_ranges(kind, argument, value):

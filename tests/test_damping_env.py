@@ -17,9 +17,10 @@ from stable_baselines3.common.vec_env import VecMonitor
 from sffr_agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
-from sffr_baselines.damping_loop import see_row
+from sffr_baselines.damping_loop import make_damping, see_row
 from sffr_baselines.rollout import rollout
-from sffr_baselines.schedule import BOUNDS, N_FEATURES
+from sffr_baselines.schedule import BOUNDS, N_FEATURES, OTHER_DEMAND, PIEZO_DEMAND
+from sffr_baselines.scheduled import SCHEDULED
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -39,13 +40,23 @@ def steps(env, actions, seed=0):
     return list(zip(*[env.step(action) for action in actions], strict=True))
 
 
-@pytest.mark.parametrize("law", ["hsc", "ahsc"])
-@pytest.mark.parametrize("scenario", ["excited", "noise", "mismatch", "degraded", "impulse"])
+@pytest.mark.parametrize(
+    ("law", "scenario"),
+    [
+        *(
+            (law, scenario)
+            for law in ("hsc", "ahsc")
+            for scenario in ("excited", "noise", "mismatch", "degraded", "impulse")
+        ),
+        *((law, "excited") for law in SCHEDULED if law not in ("hsc", "ahsc")),
+        *((law, scenario) for law in ("lqr-ff", "lqr-kf", "mpc") for scenario in ("weak", "patches", "noise")),
+    ],
+)
 def test_action_zero_is_the_law_bit_for_bit(law, scenario):
     env = make(law=law, scenario=scenario, duration=1.0, random_phase=False)
     bare = SFFRFlexEnv(env._distribution(env.scenario))
     expected = rollout(bare, make_policy(law, bare), seed=5)
-    _, rewards, _, truncated, infos = steps(env, np.zeros((10, 4), np.float32), seed=5)
+    _, rewards, _, truncated, infos = steps(env, np.zeros((10, *env.action_space.shape), np.float32), seed=5)
     last = expected.signals[49::50]
     np.testing.assert_array_equal([info["vibration"] for info in infos], last[:, VIBRATION])
     np.testing.assert_array_equal([info["object_error"] for info in infos], last[:, 0])
@@ -66,6 +77,36 @@ def test_action_multiplies_the_damping_by_powers_of_rho():
     np.testing.assert_allclose(
         info["damping"], [[0.0, 4.0 * B0[1], B0[2] / 4.0], [0.0, 2.0 * B0[1], B0[2]]], rtol=1e-15
     )
+
+
+@pytest.mark.parametrize("law", ["lqr-ff", "mpc", "lqr"])
+def test_action_multiplies_a_regulators_feedback_and_lowers_the_share_of_the_reaction(law):
+    """Each panel has one factor of all its volts, and where the reaction is fed forward a share of it, at most 1."""
+    env, plain = make(law=law, rho=4.0, agent_period=0.002), make(law=law, rho=4.0, agent_period=0.002)
+    fed = ["reaction"] if law != "lqr" else []
+    assert env.action_names == tuple(f"{side}_{name}" for side in ("left", "right") for name in ["feedback", *fed])
+    for env_ in (env, plain):
+        env_.reset(seed=2)
+    action = np.array([1.0, -0.5, -0.5, 1.0] if fed else [1.0, -0.5])
+    env.step(action)
+    plain.step(np.zeros(env.action_space.shape))
+    volts, alone = (each._batch.applied[0, :6].reshape(2, 3) for each in (env, plain))
+    np.testing.assert_allclose(env._damping.law.factor[0, :, 1:], [[4.0, 4.0], [0.5, 0.5]], rtol=1e-12)
+    for panel, factor in enumerate((4.0, 0.5)):
+        np.testing.assert_allclose(volts[panel, 1:] / alone[panel, 1:], factor, rtol=1e-3)  # beside Q_v, which stays
+    if fed:
+        np.testing.assert_allclose(env._damping.law.share[0], [4.0**-0.5, 1.0], rtol=1e-12)
+
+
+def test_what_a_law_asks_beyond_its_limits_is_seen():
+    env = make(scenario="weak", law="lqr", agent_period=0.002)
+    env.reset(seed=4)
+    asked = np.abs(make_policy("lqr", env.params)(env._batch.obs[0].copy()))
+    obs, *_ = env.step(np.zeros(2))
+    seen, piezos = obs.reshape(2, N_FEATURES), asked[:6].reshape(2, 3).max(axis=1)
+    np.testing.assert_allclose(seen[:, PIEZO_DEMAND], np.log10(piezos + 0.01), rtol=1e-5)
+    np.testing.assert_allclose(seen[:, OTHER_DEMAND], np.log10(asked[6:].max() + 0.01), rtol=1e-5)
+    assert piezos.max() > 1.0 and asked[6:].max() > 0.01
 
 
 def test_actions_yield_to_the_law_while_the_base_is_off_its_path():
@@ -111,9 +152,12 @@ def test_no_sequence_of_actions_feeds_energy_into_a_panel(actions, seed):
         assert (work <= 1e-9).all()
 
 
-def see(law, obs, seen):
-    """Write what an agent sees of an observation."""
-    see_row(law, obs[None], seen[None], np.zeros(1, dtype=np.int64))
+def see(law, obs, demand=(0.0, 0.0, 0.0)):
+    """Return what an agent sees of an observation after a law has asked for so much."""
+    damping = make_damping(law, 1)
+    damping.law.demand[0] = demand
+    see_row(law, obs[None], damping, np.zeros(1, dtype=np.int64))
+    return damping.features[0]
 
 
 @functools.cache
@@ -124,8 +168,7 @@ def default_law():
 @settings(max_examples=50, deadline=None)
 @given(obs=arrays(np.float64, 52, elements=st.floats(-10.0, 10.0)))
 def test_observation_stays_in_its_bounds_whatever_is_measured(obs):
-    seen = np.zeros(2 * N_FEATURES)
-    see(default_law(), obs, seen)
+    seen = see(default_law(), obs, (0.0, 1e300, 3.0))
     assert (np.abs(seen[np.isfinite(seen)]) <= np.tile(BOUNDS, 2)[np.isfinite(seen)]).all()
 
 
@@ -136,22 +179,21 @@ def test_panels_see_themselves_alike():
         obs, _ = env.reset(seed=seed)
         first, second = obs.reshape(2, N_FEATURES)
         assert (obs[4::N_FEATURES] < -1.5).all()  # a thousandth of the reward's energy scale
-        np.testing.assert_allclose(first[5:], second[5:], atol=1e-6)  # mirrored: both are pushed to their positive side
+        np.testing.assert_allclose(first[5:7], second[5:7], atol=1e-6)  # both are pushed to their positive side
         assert first[5] >= 0.0
-        assert np.hypot(*first[5:]) == pytest.approx(1.0, abs=1e-5)
+        assert np.hypot(*first[5:7]) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_mirrored_panel_is_seen_alike():
     """Nothing tells a panel from its mirror image: bent, moved and pushed to the other side."""
     env, rng = make(), np.random.default_rng(0)
     for _ in range(20):
-        obs, seen, mirrored = rng.uniform(-1.0, 1.0, 52), np.zeros(2 * N_FEATURES), np.zeros(2 * N_FEATURES)
+        obs = rng.uniform(-1.0, 1.0, 52)
         obs[env.fields["reference_turn"].slice] = 0.0
-        see(env.law, obs, seen)
+        seen = see(env.law, obs)
         for name in ("elastic", "elastic_rate", "reference_velocity", "reference_acceleration"):
             obs[env.fields[name].slice] *= -1.0
-        see(env.law, obs, mirrored)
-        np.testing.assert_array_equal(seen, mirrored)
+        np.testing.assert_array_equal(seen, see(env.law, obs))
         assert (seen[5::N_FEATURES] > 0.0).all() and np.abs(seen[:4]).min() > 0.0
 
 
@@ -193,7 +235,10 @@ def test_state_is_restored_bit_for_bit():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"law": "none"}, "law = 'none'"),
+        ({"law": "none"}, "law = 'none': must be one of hsc, ahsc, "),
+        ({"law": "ppf"}, "law = 'ppf'"),
+        ({"law": "lqr_ff"}, "did you mean 'lqr-ff'"),
+        ({"law": "lqr", "rho": 1000.0}, "times the regulator's gain"),
         ({"rho": 0.5}, "rho = 0.5"),
         ({"agent_period": 0.003}, "multiple of control.period"),
         ({"base_tolerance": 0.0}, "base_tolerance = 0.0: must be at least 1e-09"),

@@ -8,6 +8,7 @@ import torch
 import sffr_gym  # noqa: F401
 from sffr_agents.device_ppo import Learner, Settings
 from sffr_baselines import make_policy
+from sffr_baselines.schedule import N_FEATURES
 from sffr_gym.config.params import load_params
 
 
@@ -66,11 +67,17 @@ class _Bandit:
     single_action_space = gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
 
     def reset(self, seed=None):
-        return np.ones((self.num_envs, 14), np.float32), {}
+        return np.ones((self.num_envs, 2 * N_FEATURES), np.float32), {}
 
     def step(self, actions):
         never = np.zeros(self.num_envs, dtype=np.bool_)
-        return np.ones((self.num_envs, 14), np.float32), actions.mean(axis=1).astype(np.float64), never, never, {}
+        return (
+            np.ones((self.num_envs, 2 * N_FEATURES), np.float32),
+            actions.mean(axis=1).astype(np.float64),
+            never,
+            never,
+            {},
+        )
 
 
 def test_what_is_learned_is_a_policy(envs, tmp_path):

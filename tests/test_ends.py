@@ -96,7 +96,8 @@ DEFAULTS = {
         "learning.learning_rate": 1e-3, "learning.final_learning_rate": 1e-4, "learning.gamma": 0.98,
         "learning.energy_scaling": True, "learning.n_steps": 64, "learning.batch_size": 1024, "learning.n_epochs": 6,
         "learning.gae_lambda": 0.95, "learning.clip_range": 0.2, "learning.ent_coef": 0.0, "learning.vf_coef": 0.5,
-        "learning.max_grad_norm": 0.5, "learning.log_std_init": -0.5,
+        "learning.max_grad_norm": 0.5, "learning.log_std_init": -0.5, "learning.learn_spread": False,
+        "network.actor": None,
     },
     "sac": {
         "learning.buffer_size": 1_000_000, "learning.learning_starts": 10_000, "learning.batch_size": 512,

@@ -20,6 +20,7 @@ from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save_schedule, shipped_policies
 from sffr_baselines.policies import policy_title
 from sffr_baselines.rollout import rollout
+from sffr_baselines.schedule import N_FEATURES
 from sffr_gym import ConfigError, load_params
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -41,7 +42,7 @@ def test_export_decides_as_torch_does(algo, change, tmp_path):
     schedule = load_schedule(file)
     assert schedule.base_tolerance == config.environment.base_tolerance == 0.003
     rng = np.random.default_rng(0)
-    obs = rng.uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
+    obs = rng.uniform(-1.0, 1.0, (50, 36)).astype(np.float32)
     expected, _ = model.predict(obs.reshape(-1, *model.observation_space.shape), deterministic=True)
     np.testing.assert_allclose(schedule.predict(obs)[0], expected.reshape(50, 4), atol=1e-6)
 
@@ -51,7 +52,8 @@ def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
     with torch.no_grad():
         model.policy.action_net[0].weight *= 100.0  # else it hardly acts
     schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
-    damping = SFFRFlexDampingEnv(duration=1.0, random_phase=False, base_tolerance=schedule.base_tolerance)
+    arguments = {"rho": schedule.rho, "base_tolerance": schedule.base_tolerance}
+    damping = SFFRFlexDampingEnv(duration=1.0, random_phase=False, **arguments)
     bare = SFFRFlexEnv(damping._distribution(damping.scenario))
     policy = schedule.policy(bare.params)
     assert schedule.base_tolerance == policy.law.schedule.tolerance == 0.003  # of the shipped configuration
@@ -80,7 +82,7 @@ from typer.testing import CliRunner
 from sffr_workbench.cli.app import app
 from sffr_baselines.learned import load_schedule
 folder = pathlib.Path(sys.argv[1])
-load_schedule(folder / "policy.npz").predict([0.0] * 14)
+load_schedule(folder / "policy.npz").predict([0.0] * 36)
 (folder / "short.yaml").write_text("name: short\\ndescription: short\\nduration: 0.5\\n")
 arguments = ["evaluate", str(folder / "policy.npz"), "ahsc", "-s", str(folder / "short.yaml"), "--no-figures"]
 result = CliRunner().invoke(app, [*arguments, "-o", str(folder / "run")])
@@ -107,10 +109,10 @@ def test_run_folder_and_zip_export_the_same_policy(tmp_path):
     model.save(tmp_path / "model.zip")
     for trust in (False, True):
         export_zip(tmp_path / "model.zip", config, tmp_path / "zip.npz", trust)
-        obs = np.linspace(-1.0, 1.0, 14)
+        obs = np.linspace(-1.0, 1.0, 2 * N_FEATURES)
         np.testing.assert_allclose(
             load_schedule(tmp_path / "zip.npz").predict(obs)[0],
-            np.clip(network_of(model)(obs.reshape(2, 7)).ravel(), -1.0, 1.0),
+            np.clip(network_of(model)(obs.reshape(2, N_FEATURES)).ravel(), -1.0, 1.0),
             atol=1e-6,
         )
 
@@ -133,7 +135,7 @@ def test_a_zips_code_is_not_run(tmp_path):
 @pytest.fixture
 def schedule():
     """A schedule that damps all the more, the more a panel moves."""
-    matrix = np.zeros((2, 7))
+    matrix = np.zeros((2, N_FEATURES))
     matrix[:, 4] = 1.0
     network = Network((matrix,), (np.zeros(2),), relu=False, squash=False)
     return LearnedSchedule.of(network, SFFRFlexDampingEnv(), {"algo": "none"})
@@ -200,9 +202,9 @@ def test_unknown_schedule_is_named_with_the_nearest(name, hint):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"matrix0": np.zeros((3, 7))}, "a matrix of shape"),
-        ({"matrix0": np.zeros((2, 6))}, "6 inputs and 2 outputs does not fit 14 observations"),
-        ({"matrix0": np.full((2, 7), np.inf)}, "not finite"),
+        ({"matrix0": np.zeros((3, N_FEATURES))}, "a matrix of shape"),
+        ({"matrix0": np.zeros((2, 6))}, "6 inputs and 2 outputs does not fit 36 observations"),
+        ({"matrix0": np.full((2, N_FEATURES), np.inf)}, "not finite"),
         ({"bias0": np.array([None, 1], dtype=object)}, "must hold numbers or texts"),
         ({"matrix1": np.zeros((1, 5)), "bias1": np.zeros(1)}, "followed by one of 5 inputs"),
         ({"about": np.array("{}")}, "about: format: missing"),

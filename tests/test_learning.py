@@ -19,12 +19,15 @@ from sffr_agents import energy_scaling
 from sffr_agents.algorithms import make_model
 from sffr_agents.checkpoint import Notes, load_checkpoint, save_checkpoint
 from sffr_agents.config import CONFIGS, load_config
+from sffr_agents.export import network_of
 from sffr_agents.folder import BEST, CHECKPOINTS, LAST, PROGRESS, SECONDS
 from sffr_agents.log import CsvLog
 from sffr_agents.progress import read_progress
 from sffr_agents.train import resume, train
+from sffr_agents.validation import hash_of_suite
 from sffr_baselines.learned import load_schedule
-from sffr_gym import ConfigError
+from sffr_baselines.schedule import N_FEATURES
+from sffr_gym import ConfigError, load_params
 from sffr_workbench.cli.app import app
 
 ROOT = Path(__file__).parents[1]
@@ -64,7 +67,8 @@ def test_killed_training_resumes_with_the_same_weights(algo, tmp_path):
 
 def test_training_killed_at_any_moment_resumes(tmp_path):
     """A process that is killed without warning leaves a folder from which --resume ends with the same weights."""
-    settings = [*PPO_SMALL, "steps=100000", "checkpoints.every=16", "learning.final_learning_rate=1.0e-3"]
+    rate = [f"learning.{name}=1.0e-3" for name in ("learning_rate", "final_learning_rate")]  # whatever the steps
+    settings = [*PPO_SMALL, *rate, "steps=100000", "checkpoints.every=16"]
     changes = [part for setting in settings for part in ("--set", setting)]
     command = [
         sys.executable,
@@ -160,9 +164,9 @@ def test_errors_of_the_user_are_named(arguments, message):
 @pytest.mark.parametrize(
     ("algo", "defaults", "shipped"),
     [
-        ("ppo", "89678e9acd959d33", "deb5a4e40e1f17e2"), ("sac", "dea1c7d7e8a9168b", "2555dc7fd9ff6537"),
-        ("td3", "27f3ec1abdd28958", "9f848506bc5e3e97"), ("tqc", "e2fb7a3abdef5853", "9be1e517150f96e5"),
-        ("crossq", "344cbef4e4c153c2", "ab1715acbf1cfa60"),
+        ("ppo", "2b0f2c3aee3ce03f", "ac4299588b545c8d"), ("sac", "2cf769a43ad549bc", "805074503b9ccd93"),
+        ("td3", "5bca908fd3782f1b", "bbea896c402c5cde"), ("tqc", "ac4035cd4a111107", "9e42f35738988ee1"),
+        ("crossq", "bab8d86ef92be322", "d98c2cf754ca875f"),
     ],
 )  # fmt: skip
 def test_configurations_are_valid_and_what_trainings_were_named_by(algo, defaults, shipped):
@@ -179,7 +183,7 @@ def test_advantages_count_alike_at_any_amplitude():
         buffer = energy_scaling.EnergyRolloutBuffer(4, env.observation_space, env.action_space, n_envs=1, gamma=0.9)
         rng = np.random.default_rng(0)
         for _ in range(4):
-            obs = rng.uniform(-1.0, 1.0, (1, 7))
+            obs = rng.uniform(-1.0, 1.0, (1, N_FEATURES))
             obs[:, 4] = 1.0 + np.log10(size)
             value = torch.tensor(rng.normal(size=1) * size**2)
             buffer.add(obs, np.zeros((1, 2)), rng.normal(size=1) * size**2, np.zeros(1), value, torch.zeros(1))
@@ -194,7 +198,7 @@ def test_energy_scaling_is_what_the_configuration_says(algo, scaled):
     """At an energy of 100 a reward of -50 is learned as -0.5, or as it is; PPO's critic gives values in its unit."""
     model, _ = make_model(small(algo, f"learning.energy_scaling={str(scaled).lower()}"), seed=0)
     assert torch.get_num_threads() == 1  # sums depend on it
-    obs, actions = np.zeros((4, 7), np.float32), np.zeros((4, 2), np.float32)
+    obs, actions = np.zeros((4, N_FEATURES), np.float32), np.zeros((4, 2), np.float32)
     obs[:, 4] = 1.0
     if algo == "ppo":
         for _ in range(8):
@@ -214,7 +218,7 @@ def test_energy_scaling_is_what_the_configuration_says(algo, scaled):
 def test_replay_counts_alike_at_any_amplitude():
     """Rewards per energy, and discounts that follow the energy: q = r / E + gamma E' / E q'."""
     _, env = make_model(small("sac"), seed=0)
-    obs, after = np.zeros((1, 7), np.float32), np.zeros((1, 7), np.float32)
+    obs, after = np.zeros((1, N_FEATURES), np.float32), np.zeros((1, N_FEATURES), np.float32)
     obs[:, 4], after[:, 4] = 1.0, 0.5  # log10 of the root of the energy: 100, and then 10
     buffer = energy_scaling.EnergyReplayBuffer(
         1, env.observation_space, env.action_space, device="cpu", n_envs=1, gamma=0.9
@@ -260,3 +264,33 @@ def test_what_is_not_installed_is_named(arguments, monkeypatch):
     monkeypatch.setattr("sffr_workbench.common.extras.find_spec", lambda name: None if name == "torch" else name)
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2 and "not installed: torch; pip install 'sffr-gym[agents" in result.output
+
+
+@pytest.mark.parametrize("algo", CONFIGS)
+def test_an_actor_can_be_linear_beside_deep_critics(algo):
+    """One matrix and a tanh, exported as such, with critics of two hidden layers."""
+    model, _ = make_model(small(algo, "network.actor=[]", "network.hidden=[8, 8]"), seed=0)
+    network = network_of(model)
+    assert [matrix.shape for matrix in network.matrices] == [(2, N_FEATURES)] and network.squash
+    critic = model.policy.mlp_extractor.value_net if algo == "ppo" else model.critic
+    assert sum(isinstance(each, torch.nn.Linear) for each in critic.modules()) % 2 == 0
+    obs = np.random.default_rng(0).uniform(-1.0, 1.0, (5, N_FEATURES)).astype(np.float32)
+    np.testing.assert_allclose(network(obs), model.predict(obs, deterministic=True)[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("learned", [True, False])
+def test_the_spread_of_actions_is_learned_or_stays(learned):
+    model, _ = make_model(small("ppo", f"learning.learn_spread={str(learned).lower()}"), seed=0)
+    before = model.policy.log_std.detach().clone()
+    model.learn(64)
+    moved = not torch.equal(model.policy.log_std, before)
+    assert moved == learned and before.unique().item() == pytest.approx(load_config("ppo").learning.log_std_init)
+
+
+def test_a_training_is_compared_on_the_suites_robots_not_on_its_own(tmp_path):
+    """A scenario to train on may have weaker thrusters; those of the comparisons have their own."""
+    config = small("ppo", "environment.scenario=practice/rough")
+    train(config, 0, tmp_path / "run")
+    schedule = load_schedule(tmp_path / "run" / BEST)
+    robot = load_params().with_overrides(*config.environment.overrides)
+    assert schedule.trained["suite_hash"] == hash_of_suite(config.validation, robot)

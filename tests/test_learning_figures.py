@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from sffr_agents.train import train
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
-from sffr_baselines.schedule import FEATURES
+from sffr_baselines.schedule import FEATURES, N_FEATURES
 from sffr_gym import ConfigError, load_params
 from sffr_workbench.cli.app import app
 from sffr_workbench.figures.learning import Curve, by_algorithm, learning_curves, read_curve, schedule_figure
@@ -23,7 +23,7 @@ def curve(seed, steps=(100.0, 200.0), algo="ppo", ratio=0.5):
 def phased():
     """Damps q5 most where the panel is fastest, and q6 where it is bent most."""
     names = [name for name, _ in FEATURES]
-    first = np.zeros((4, 7))
+    first = np.zeros((4, N_FEATURES))
     for row, (name, sign) in enumerate(
         [(name, sign) for name in ("mode1_rate", "mode1_displacement") for sign in (1, -1)]
     ):

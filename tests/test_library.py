@@ -172,7 +172,7 @@ def test_the_library_is_built_where_sources_have_changed(builder, module, folder
         assert library._built_manifest()["modules"] == ["law"]
         assert len(builder.runs) == builds
     command, options = builder.runs[0]
-    assert command == [sys.executable, "-m", "sffr_gym.compile.builder", str(folder)]
+    assert command == [sys.executable, "-P", "-m", "sffr_gym.compile.builder", str(folder)]
     assert options["env"][library.INTERPRETED] == "1"
     out, err = capsys.readouterr()
     assert out == "" and err.count("compiling the kernels") == err.count("\n") == 2

@@ -143,7 +143,7 @@ def test_numbers_of_numpy_are_numbers():
             ["learning.n_steps=100000"],
             r"n_steps = 100000: an update would take 1.3e\+07 samples, at most 1e\+07",
         ),
-        ("ppo", ["network.hidden=[2048, 2048]"], r"hidden = .* makes a network of 33.7 MB, at most 16"),
+        ("ppo", ["network.hidden=[2048, 2048]"], r"hidden = .* makes a network of 33.9 MB, at most 16"),
         ("ppo", ["environment.overrides=[panel.EI=-1]"], r"override 'panel.EI=-1': panel.EI = -1: must be at least"),
         ("sac", ["steps=10000"], r"learning_starts = 10000: must be less than steps = 10000, or nothing is learned"),
     ],

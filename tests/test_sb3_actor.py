@@ -1,4 +1,4 @@
-"""Policies of plain Stable-Baselines3, 14 observations and 4 actions, exported without a configuration and scored."""
+"""Policies of plain Stable-Baselines3, 36 observations and 4 actions, exported without a configuration and scored."""
 
 import numpy as np
 import pytest
@@ -42,11 +42,11 @@ def test_an_exported_policy_acts_as_its_model(kind, settings, tmp_path):
     result = sffr("export", file, "--out", tmp_path / "plain.npz")
     assert result.exit_code == 0, result.stderr
     schedule = load_schedule(tmp_path / "plain.npz")
-    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 14)).astype(np.float32)
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 36)).astype(np.float32)
     for scale in (1.0, 30.0):
         expected = model.predict(scale * observations, deterministic=True)[0]
         np.testing.assert_allclose(schedule.predict(scale * observations)[0], expected, atol=1e-4)
-    assert np.abs(expected).max() > 0.5 and schedule.network.sizes[0] == 14
+    assert np.abs(expected).max() > 0.5 and schedule.network.sizes[0] == 36
 
 
 def test_an_exported_policy_is_scored_as_it_acts(tmp_path):
@@ -88,7 +88,7 @@ def test_a_policy_of_another_environment_is_refused(tmp_path):
     """With both sizes; and arguments of the environment are checked."""
     PPO("MlpPolicy", "Pendulum-v1", device="cpu").save(tmp_path / "model.zip")
     result = sffr("export", tmp_path / "model.zip", "--out", tmp_path / "a.npz")
-    assert result.exit_code == 2 and "3 inputs and 1 outputs does not fit 14 observations" in result.stderr
+    assert result.exit_code == 2 and "3 inputs and 1 outputs does not fit 36 observations" in result.stderr
     file, _ = saved(PPO, tmp_path)
     for change, message in (
         ("rho=0", "rho"),

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save_schedule
-from sffr_baselines.schedule import FEATURES
+from sffr_baselines.schedule import BASE_ERROR, FEATURES, N_FEATURES
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import rotation
 
@@ -27,7 +27,7 @@ def pair(seed, **arguments):
 
 
 def features(env, obs, heading_turns):
-    """The observation of a schedule (n_p, 7), from a plain one by the case study's numbers."""
+    """The observation of a schedule (n_p, 18) at the start, from a plain one by the case study's numbers."""
     path, rows = env.params.path, []
     speed, turn = path.speed, path.speed / path.radius if heading_turns else 0.0
     field = {name: obs[each.slice] for name, each in env.fields.items()}
@@ -43,25 +43,43 @@ def features(env, obs, heading_turns):
         xd = modes.T @ M @ (field["elastic_rate"].reshape(-1, 3)[i, 1:] - PUSHED * push_rate)
         energy, scale = 0.5 * (x @ x + xd @ xd), env.params.reward.vibration.scale
         motion = side * np.column_stack([x, xd]).ravel() / np.sqrt(2.0 * (energy + 1e-6 * scale))
+        first, second = motion[0] + 1j * motion[1], motion[2] + 1j * motion[3]
         rows.append([
             *motion, 0.5 * np.log10(energy / scale + 1e-6), side * push / (speed**2 / path.radius),
-            side * push_rate / (speed**3 / path.radius**2),
+            side * push_rate / (speed**3 / path.radius**2), (first**2).real, (first**2).imag, (second**2).real,
+            (second**2).imag, *2.0 * np.outer(motion[:2], motion[2:]).ravel(), *np.log10([1e-2, 1e-2]),
+            np.log10(off_path(env, field) / 3e-3 + 1e-3),
         ])  # fmt: skip
     return np.array(rows)
 
 
-@pytest.mark.parametrize("heading", ["fixed", "tangent"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_features_are_the_modes_about_the_quasi_static_shape(seed, heading):
+def off_path(env, field):
+    """Error of the base [m]: turns as the shifts that they make, rates as the errors of half a second."""
+    lever = np.hypot(*env.params.panel.mounts[0].root) + 0.5 * env.params.panel.length
+    shift = np.hypot(*field["base_error"]) + lever * abs(field["yaw_error"][0])
+    return shift + 0.5 * (np.hypot(*field["base_error_rate"]) + lever * abs(field["yaw_error_rate"][0]))
+
+
+@pytest.mark.parametrize(
+    ("seed", "heading", "scenario"),
+    [(seed, heading, "excited") for heading in ("fixed", "tangent") for seed in (0, 1, 2)] + [(3, "fixed", "offset")],
+)
+def test_features_are_the_modes_about_the_quasi_static_shape(seed, heading, scenario):
     """The sign of a mode's shape is free, the same for displacement and rate and for all panels."""
-    _, bare, seen, obs = pair(seed, overrides=(f"path.heading={heading}",))
+    _, bare, seen, obs = pair(seed, overrides=(f"path.heading={heading}",), scenario=scenario)
     expected = features(bare, obs, heading == "tangent")
     found = seen.reshape(expected.shape).astype(float)
-    for mode in (slice(0, 2), slice(2, 4)):
-        expected[:, mode] *= np.sign((found[:, mode] * expected[:, mode]).sum())
+    signs = np.ones(2)
+    for m in range(2):
+        signs[m] = np.sign((found[:, 2 * m : 2 * m + 2] * expected[:, 2 * m : 2 * m + 2]).sum())
+        expected[:, 2 * m : 2 * m + 2] *= signs[m]
+    expected[:, 11:15] *= signs.prod()
     bound = np.array([bound for _, bound in FEATURES])
     np.testing.assert_allclose(found, np.clip(expected, -bound, bound), rtol=1e-4, atol=1e-5)
-    assert np.abs(found[:, :4]).min() > 1e-4
+    if scenario == "offset":  # off its path by centimetres, where the panels of Table IV begin straight
+        assert (found[:, BASE_ERROR] > 0.5).all()
+    else:
+        assert np.abs(found[:, :4]).min() > 1e-4
 
 
 @pytest.mark.parametrize("squash", [True, False])
@@ -69,7 +87,7 @@ def test_features_are_the_modes_about_the_quasi_static_shape(seed, heading):
 @pytest.mark.parametrize("panels", [1, 2])
 def test_compiled_network_decides_as_in_numpy(panels, relu, squash):
     damping, bare, seen, obs = pair(3)
-    rng, widths = np.random.default_rng(0), (7 * panels, 5, 6, 4, 2 * panels)
+    rng, widths = np.random.default_rng(0), (N_FEATURES * panels, 5, 6, 4, 2 * panels)
     matrices = tuple(0.4 * rng.normal(size=(n_out, n_in)) for n_in, n_out in pairwise(widths))
     biases = (*(0.4 * rng.normal(size=n) for n in widths[1:-1]), np.tile([0.3, -1.5], panels))  # some beyond the bound
     network = Network(matrices, biases, relu, squash)
@@ -86,7 +104,7 @@ def test_compiled_network_decides_as_in_numpy(panels, relu, squash):
 def test_exported_schedule_yields_to_the_law_as_in_training(tmp_path):
     """The tolerance goes with the file: an action counts less while the base is off its path, or drifts off it."""
     env = SFFRFlexDampingEnv(law="hsc", base_tolerance=0.1)
-    network = Network((np.zeros((2, 7)),), (np.ones(2),), relu=False, squash=False)
+    network = Network((np.zeros((2, N_FEATURES)),), (np.ones(2),), relu=False, squash=False)
     save_schedule(tmp_path / "policy.npz", LearnedSchedule.of(network, env, {}))
     schedule = load_schedule(tmp_path / "policy.npz")
     assert schedule.base_tolerance == 0.1

@@ -117,7 +117,8 @@ BATCH = {  # values that a field of the batch cannot have
     "status": [-1, len(REASONS)],
 }  # fmt: skip
 DAMPING = {
-    "law.B_hat": [-1.0, NAN], "law.factor": [-1.0, np.inf], "law.integral": [1e300, NAN], "law.errors": [NAN],
+    "law.B_hat": [-1.0, NAN], "law.factor": [-1.0, np.inf], "law.share": [-0.1, 1.5, NAN], "law.demand": [-1.0, np.inf],
+    "law.integral": [1e300, NAN], "law.errors": [NAN],
     "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "features": [1e3, NAN], "price": [NAN], "end": [-1, HUGE],
 }  # fmt: skip
 

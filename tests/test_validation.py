@@ -12,6 +12,7 @@ from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, load_schedule
 from sffr_baselines.rollout import rollout
+from sffr_baselines.schedule import N_FEATURES
 from sffr_gym import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.scenario import load_scenario, suite_hash
@@ -24,7 +25,7 @@ PARAMS = load_params()
 @pytest.fixture(scope="module")
 def schedule():
     """A schedule that always damps as strongly as it may."""
-    network = Network((np.zeros((2, 7)),), (np.ones(2),), relu=False, squash=False)
+    network = Network((np.zeros((2, N_FEATURES)),), (np.ones(2),), relu=False, squash=False)
     return LearnedSchedule.of(network, SFFRFlexDampingEnv(), {})
 
 

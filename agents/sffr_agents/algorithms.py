@@ -12,7 +12,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecMonitor
 
 from sffr_agents.config import TrainConfig
-from sffr_agents.energy_scaling import EnergyPolicy, EnergyReplayBuffer, EnergyRolloutBuffer
+from sffr_agents.energy_scaling import EnergyPolicy, EnergyReplayBuffer, EnergyRolloutBuffer, SchedulePolicy
 from sffr_agents.sb3_vec_env import make_sb3_vec_env
 from sffr_gym.config.strict_yaml import ConfigError
 
@@ -40,12 +40,18 @@ def make_model(config: TrainConfig, seed: int) -> tuple[BaseAlgorithm, VecMonito
     torch.set_num_threads(1)  # the networks are small, and sums would depend on the number of threads
     env = VecMonitor(make_sb3_vec_env(config.n_envs, config.network.per_panel, **config.environment.model_dump()))
     settings: dict[str, Any] = config.learning.model_dump()
-    network = {"net_arch": list(config.network.hidden), "activation_fn": ACTIVATIONS[config.network.activation]}
+    hidden, actor = config.network.hidden, config.network.actor
+    critic = "vf" if config.algo == "ppo" else "qf"
+    network: dict[str, Any] = {
+        "net_arch": {"pi": list(hidden if actor is None else actor), critic: list(hidden)},
+        "activation_fn": ACTIVATIONS[config.network.activation],
+    }
     settings["learning_rate"] = _linear_schedule(settings["learning_rate"], settings.pop("final_learning_rate"))
     policy: Any = "MlpPolicy"
     by_energy = settings.pop("energy_scaling")
     if config.algo == "ppo":
-        network["log_std_init"] = settings.pop("log_std_init")
+        network |= {name: settings.pop(name) for name in ("log_std_init", "learn_spread")}
+        policy = SchedulePolicy
         if by_energy:
             policy, settings["rollout_buffer_class"] = EnergyPolicy, EnergyRolloutBuffer
     elif by_energy:

@@ -16,7 +16,7 @@ from sffr_baselines.damping_env import DURATION
 from sffr_baselines.learned import MOST_WEIGHTS
 from sffr_baselines.schedule import N_FEATURES
 from sffr_baselines.scheduled import Scheduling
-from sffr_gym.config.params import load_params
+from sffr_gym.config.params import Params, load_params
 from sffr_gym.config.ranges import MOST_ENVS, EpisodeLength, Share, at_most
 from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import (
@@ -52,6 +52,10 @@ class Environment(Scheduling):
     random_phase: bool = Field(default=True, description="start anywhere on the circle")
     overrides: tuple[str, ...] = Field(default=(), description="assignments to parameters, such as panel.EI=25")
 
+    def robot(self) -> Params:
+        """Return the robot before a scenario changes it, as the one of training does; raises ConfigError."""
+        return load_params().with_overrides(*self.overrides)
+
 
 class NetworkShape(Section):
     """Actor and critic."""
@@ -59,13 +63,18 @@ class NetworkShape(Section):
     hidden: Annotated[tuple[Width, ...], at_most(MOST_LAYERS, "none that deep learns here")] = Field(
         default=(64, 64), min_length=1, description="widths of the hidden layers"
     )
+    actor: Annotated[tuple[Width, ...], at_most(MOST_LAYERS, "none that deep learns here")] | None = Field(
+        default=None, description="widths of the actor's, if others; [] makes it linear in what it sees"
+    )
     activation: Literal["tanh", "relu"] = Field(default="tanh", description="of the hidden layers")
     per_panel: bool = Field(default=True, description="one network serves each panel by itself")
 
-    @field_validator("hidden")
+    @field_validator("hidden", "actor")
     @classmethod
-    def _check_size(cls, hidden: tuple[int, ...]) -> tuple[int, ...]:
+    def _check_size(cls, hidden: tuple[int, ...] | None) -> tuple[int, ...] | None:
         """Keep a network small enough to be learned, with its optimiser and critics, and read again as a policy."""
+        if hidden is None:
+            return None
         size, most = 8 * sum(map(math.prod, itertools.pairwise((N_FEATURES, *hidden, 1)))), MOST_WEIGHTS // 2
         if size > most:
             raise check_error(f"makes a network of {size / 1e6:.3g} MB, at most {most / 1e6:g}: take narrower layers")
@@ -111,6 +120,7 @@ class PPOSettings(AlgorithmSettings):
     vf_coef: Coefficient = Field(default=0.5, description="weight of the critic")
     max_grad_norm: float = Field(default=0.5, ge=1.0e-9, le=1.0e9, description="of the gradient")
     log_std_init: float = Field(default=-0.5, ge=-20.0, le=2.0, description="log of the actions' spread at the start")
+    learn_spread: bool = Field(default=False, description="let the spread change; else it stays as it was")
 
 
 class ReplaySettings(AlgorithmSettings):
@@ -211,7 +221,7 @@ def _with_enough_samples(config: TrainConfig, where: Where) -> TrainConfig:
     """
     learning = config.learning
     try:
-        panels = load_params().with_overrides(*config.environment.overrides).n_panels
+        panels = config.environment.robot().n_panels
     except ConfigError as error:
         place = f"{where(('environment', 'overrides'))}: environment.overrides"
         raise ConfigError("\n".join(f"{place}: {line}" for line in str(error).splitlines())) from None

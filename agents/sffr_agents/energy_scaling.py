@@ -27,16 +27,30 @@ def energy(obs: Any) -> Any:
     return (10.0 ** (2.0 * obs[..., LOG_AMPLITUDE::N_FEATURES]) + FLOOR).sum(-1)
 
 
-class EnergyPolicy(ActorCriticPolicy):
-    """Actor and critic, whose critic learns values per unit of energy.
+class SchedulePolicy(ActorCriticPolicy):
+    """Actor and critic of a schedule.
 
     The mean of the actions goes through tanh: the best schedules jump between the bounds, and a mean that leaves the
-    bounds explores nothing any more.
+    bounds explores nothing any more. Their spread can stay as it was: since it costs, it is soon learned away, and with
+    it goes how far a clipped update can move the mean.
+
+    Args:
+        arguments: of ``ActorCriticPolicy``.
+        learn_spread: let the spread of the actions be learned.
     """
+
+    def __init__(self, *arguments: Any, learn_spread: bool = True, **named: Any) -> None:
+        self._learn_spread = learn_spread
+        super().__init__(*arguments, **named)
 
     def _build(self, lr_schedule: Schedule) -> None:
         super()._build(lr_schedule)
         self.action_net = torch.nn.Sequential(self.action_net, torch.nn.Tanh())
+        self.log_std.requires_grad_(self._learn_spread)
+
+
+class EnergyPolicy(SchedulePolicy):
+    """Actor and critic of a schedule, whose critic learns values per unit of energy."""
 
     def forward(
         self, obs: torch.Tensor, deterministic: bool = False

@@ -22,16 +22,15 @@ from sffr_agents.sb3_vec_env import batch_of
 from sffr_agents.sb3_zip import MOST_ZIP, first_line, read_weights
 from sffr_agents.validation import hash_of_suite
 from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
-from sffr_gym.config.params import Params
 from sffr_gym.config.reading import read_bytes
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.config.template import conform
 from sffr_gym.types import Array
 
 
-def origin_of(config: TrainConfig, params: Params, **more: Any) -> dict[str, Any]:
+def origin_of(config: TrainConfig, **more: Any) -> dict[str, Any]:
     """Return what a policy's file says of its training: algorithm, hashes of configuration and suite, and more."""
-    suite = hash_of_suite(config.validation, params)
+    suite = hash_of_suite(config.validation, config.environment.robot())
     return {"algo": config.algo, "config_hash": config.hash(), "suite_hash": suite} | more
 
 
@@ -154,7 +153,7 @@ def _put_weights(weights: dict[str, np.ndarray], model: BaseAlgorithm, source: P
 def _write(model: BaseAlgorithm, env: VecMonitor, config: TrainConfig, file: Path, **more: Any) -> None:
     """Write the policy of a model, and where it comes from."""
     batch = batch_of(env)
-    about = origin_of(config, batch.params, **more)
+    about = origin_of(config, **more)
     schedule = LearnedSchedule.of(network_of(model), batch, about)
     file.parent.mkdir(parents=True, exist_ok=True)
     save_schedule(file, schedule)

@@ -148,7 +148,7 @@ class _Training(BaseCallback):
     def _train(self, left: int) -> None:
         """Train for so many steps, compare and save; raises ConfigError if the weights diverge."""
         model = self._algorithm
-        self._validate = Validator(self._config.validation, self._batch.params)
+        self._validate = Validator(self._config.validation, self._config.environment.robot())
         self._begun = time.perf_counter() - self.notes.elapsed
         model.logger.output_formats += self._outputs(model.num_timesteps)
         try:
@@ -191,7 +191,7 @@ class _Training(BaseCallback):
     def _compare(self) -> None:
         """Score the policy as it is, keep it if it is the best so far, and log."""
         model = self._algorithm
-        about = origin_of(self._config, self._batch.params, seed=self._seed, steps=model.num_timesteps)
+        about = origin_of(self._config, seed=self._seed, steps=model.num_timesteps)
         schedule = LearnedSchedule.of(network_of(model), self._batch, about)
         scores = self._validate(schedule)
         save_schedule(self._run.place(LAST), schedule)

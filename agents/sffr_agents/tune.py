@@ -30,7 +30,6 @@ from sffr_gym.config.reading import read_json
 from sffr_gym.config.run_folder import CARD, LOCK, RunFolder
 from sffr_gym.config.sections import Section
 from sffr_gym.config.strict_yaml import ConfigError, build
-from sffr_gym.envs.arguments import resolve_params
 from sffr_gym.task.statistics import interquartile_mean
 from sffr_gym.types import Array
 
@@ -154,8 +153,7 @@ def _train_and_score(config: TrainConfig, seed: int, out: Path, report: _Report)
         resume(folder, report.progress, report.tell)
     else:
         train(config, seed, folder, report.progress)
-    params = resolve_params(None, config.environment.overrides)
-    return Validator(config.validation, params).episode_costs(load_schedule(folder / BEST))
+    return Validator(config.validation, config.environment.robot()).episode_costs(load_schedule(folder / BEST))
 
 
 def _untuned_values(plan: TuneConfig) -> dict[str, Value]:

@@ -83,7 +83,7 @@ def act(law, tick, obs, states, actions, work):
         state = state_at(states, i)
         perceive(law, tick[0] * law.observer.period, obs[i], state, work)
         if law.schedule.hold > 0 and tick[0] % law.schedule.hold == 0:
-            update_schedule(law, work.seen, work.schedule, state.factor)
+            update_schedule(law, obs[i], state, work.schedule)
         control(law, state, work, actions[i])
         for k in range(len(law.scale)):
             actions[i, k] /= law.scale[k]
@@ -107,7 +107,7 @@ def run(plant, reference, sensing, impulses, law, work, first, last, p, v, actua
         row = tick // record.stride
         perceive(law, tick * plant.period, obs, state, work.law)
         if law.schedule.hold > 0 and tick % law.schedule.hold == 0:
-            update_schedule(law, work.law.seen, work.law.schedule, state.factor)
+            update_schedule(law, obs, state, work.law.schedule)
         if keep:
             _keep_state(record, row, p, v, obs, state)
         control(law, state, work.law, command)

@@ -54,7 +54,9 @@ class LawState(NamedTuple):
     """What a law remembers from one control period to the next."""
 
     B_hat: Array  #: (n_p, 3) virtual damping
-    factor: Array  #: (n_p, 3) by which a schedule multiplies it
+    factor: Array  #: (n_p, 3) by which a schedule multiplies it, or the deviations that a regulator acts on
+    share: Array  #: (n_p,) of each panel's predicted reaction that is fed forward; a schedule lowers it
+    demand: Array  #: (n_p + 1,) largest command over its limit, of each panel's piezos and of all else; for schedules
     integral: Array  #: (n_t,) of the tracked errors over time [m s, rad s]
     errors: Array  #: (n_t, 2) estimates of the tracked errors and of their rates
     late: Array  #: (1,) 1 if the sensors were found to lag a period, else 0
@@ -89,8 +91,8 @@ def state_shapes(law):
     """Shapes of the :class:`LawState` of a :class:`Law`."""
     n_p, n_t = len(law.allocation), len(law.observer.error)
     return LawState(
-        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), integral=(n_t,), errors=(n_t, 2), late=(1,), age=(1,),
-        filters=(n_p, N_BENDING, 2), plan=(n_p, law.predictive.scale.shape[1]), wait=(1,),
+        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), share=(n_p,), demand=(n_p + 1,), integral=(n_t,), errors=(n_t, 2),
+        late=(1,), age=(1,), filters=(n_p, N_BENDING, 2), plan=(n_p, law.predictive.scale.shape[1]), wait=(1,),
     )  # fmt: skip
 
 
@@ -106,15 +108,15 @@ def start_state(law: Law, states: LawState, i: int) -> None:
     """Put row ``i`` of the states (n, ...) to the start of an episode."""
     for array in states:
         array[i] = 0.0
-    states.B_hat[i], states.factor[i] = law.suppression.B0 * law.suppression.damped, 1.0
+    states.B_hat[i], states.factor[i], states.share[i] = law.suppression.B0 * law.suppression.damped, 1.0, 1.0
 
 
 @kernel
 def state_at(states, i):
     """The :class:`LawState` in row ``i`` of states (n, ...)."""
     return LawState(
-        states.B_hat[i], states.factor[i], states.integral[i], states.errors[i], states.late[i], states.age[i],
-        states.filters[i], states.plan[i], states.wait[i],
+        states.B_hat[i], states.factor[i], states.share[i], states.demand[i], states.integral[i], states.errors[i],
+        states.late[i], states.age[i], states.filters[i], states.plan[i], states.wait[i],
     )  # fmt: skip
 
 
@@ -149,12 +151,24 @@ def control(law, state, work, command):
     if law.floating:
         thrust[:] = 0.0
     elif law.reaction.active:
-        add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, work.mic.base, thrust)
+        add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, work.mic.base, state.share, thrust)
     if law.gains.Ki > 0.0:
         excess = 0.0
         for k in range(n_volts, len(command)):
             excess = max(excess, abs(command[k]) - law.scale[k])
         integrate(law.observer, seen, excess > 0.0, state)
+    if law.schedule.hold > 0:
+        _note_demand(law, command, state)
+
+
+@kernel
+def _note_demand(law, command, state):
+    """Keep how far the command (n_u,) goes to its limits, for the schedule's next decision."""
+    n_p, n_c, _ = law.allocation.shape
+    for i in range(n_p + 1):
+        state.demand[i] = 0.0
+        for k in range(i * n_c, (i + 1) * n_c if i < n_p else len(command)):
+            state.demand[i] = max(state.demand[i], abs(command[k]) / law.scale[k])
 
 
 @kernel
@@ -167,6 +181,9 @@ def _act_on_deviations(law, state, work, volts):
     for i in range(n_p):
         own = volts[i * n_c : (i + 1) * n_c]
         deviate(law.regulator, law.at, work.seen, i, x)
+        for j in range(N_BENDING):
+            x[j] *= state.factor[i, 1 + j]
+            x[N_BENDING + j] *= state.factor[i, 1 + j]
         if law.regulator.active:
             regulate(law.regulator, i, x, own)
         if law.filters.active:

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike
 
 from sffr_baselines.control_law import Law
 from sffr_baselines.damping_loop import Damping, DampingStepper, make_damping, start_damping
-from sffr_baselines.schedule import BOUNDS
+from sffr_baselines.schedule import BOUNDS, decisions_of_panel
 from sffr_baselines.scheduled import AGENT_PERIOD, RHO, action_names, observation_names, scheduled_law
 from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
@@ -43,7 +43,7 @@ class DampingEnvironment(RobotEnvironment):
 
     _stepper: DampingStepper
     law: Law  #: the law inside
-    law_name: str  #: ``hsc`` or ``ahsc``
+    law_name: str  #: one of :data:`scheduled.SCHEDULED`
     _damping: Damping
     _duration: float | None
     _random_phase: bool
@@ -64,6 +64,7 @@ class DampingEnvironment(RobotEnvironment):
         check_finite(damping, "state.damping")
         for values, low, high, name in (
             (damping.law.B_hat, 0.0, np.inf, "law.B_hat"), (damping.law.factor, 0.0, np.inf, "law.factor"),
+            (damping.law.share, 0.0, 1.0, "law.share"), (damping.law.demand, 0.0, np.inf, "law.demand"),
             (damping.law.late, 0.0, 1.0, "law.late"), (damping.law.age, 0, MOST_TICKS, "law.age"),
             (damping.law.integral, -FAR, FAR, "law.integral"), (damping.law.errors, -FAR, FAR, "law.errors"),
             (damping.law.filters, -FAR, FAR, "law.filters"), (damping.law.plan, -FAR, FAR, "law.plan"),
@@ -82,9 +83,10 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     """The task of ``SFFRFlex-v0`` with a controller inside: an agent chooses how strongly it damps the panels.
 
     ## Description
-    HSC or AHSC runs at the control period of 2 ms. Every 0.1 s the agent multiplies the virtual damping of each elastic
-    coordinate that the law damps by a factor between 1/10 and 10. The damping stays positive whatever the agent does,
-    so it can only take energy out of a panel, and action 0 is the law itself, bitwise identical.
+    A law of the benchmark, AHSC if not said otherwise, runs at the control period of 2 ms. Every 0.1 s the agent
+    multiplies the virtual damping of each elastic coordinate that the law damps by a factor between 1/10 and 10. The
+    damping stays positive whatever the agent does, so it can only take energy out of a panel, and action 0 is the law
+    itself, bitwise identical.
 
     ## Action space
     ``Box(-1, 1, (4,), float32)``: ``B = B_hat rho**action``. At the default period the law damps q5 and q6:
@@ -93,6 +95,11 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     |---|---|
     | 0, 1 | left panel: transverse displacement (q5) and slope (q6) of the tip |
     | 2, 3 | right panel, the same |
+
+    Over a law that feeds the panels' state back (``lqr``, ``mpc`` and their kin) a panel has one number for the whole
+    of its feedback, ``rho**action`` times as strong. Over one that feeds the panels' reaction forward (``-ff``,
+    ``-kf``, ``mpc``) another one follows, for the share of the panel's reaction: ``rho**min(action, 0)``, at most all
+    of it (``env.unwrapped.action_names``).
 
     ## Observation space
     ``Box(float32)`` (or float64, see ``dtype``), panel by panel in its own axes, scaled by constants
@@ -106,6 +113,14 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     | 4 | log10 of the root of E over the reward's energy scale | [-3, 3] |
     | 5 | path acceleration across the panel, over v^2 / r | [0, 5] |
     | 6 | its rate, over v^3 / r^2 | [-5, 5] |
+    | 7-10 | square of displacement less that of rate, and twice their product, of mode 1, of mode 2 | [-1, 1] |
+    | 11-14 | twice the products of mode 1's displacement and rate with those of mode 2 | [-1, 1] |
+    | 15 | log10 of the piezos' largest command over its limit in the last period, plus 0.01 | [-2, 2] |
+    | 16 | the same of thrusters and joints, for both panels alike | [-2, 2] |
+    | 17 | log10 of the base's error over 3 mm, plus 0.001; likewise | [-3, 3] |
+
+    Above 0 an actuator was asked for more than it has. A turn of the base counts as the shift of a panel's middle that
+    it makes, a rate as the error that it makes in half a second.
 
     ## Reward
     The reward of ``SFFRFlex-v0`` summed over the control periods of the step, term by term (``info["reward_<name>"]``):
@@ -125,8 +140,10 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     ## Arguments
     - ``scenario``, ``params``, ``overrides``, ``render_mode``, ``dtype``, ``render_every``, ``texts``: as in
       ``SFFRFlex-v0``.
-    - ``law``: ``hsc`` or ``ahsc``.
-    - ``rho``: largest factor; 1/rho is the smallest.
+    - ``law``: what runs inside: ``hsc``, ``ahsc``, ``ahsc-filtered``, ``hsc-tuned``, ``ahsc-ff``, ``lqr``, ``lqr-ff``,
+      ``lqr-kf``, ``mpc``.
+    - ``rho``: largest factor; 1/rho is the smallest. One with which the sampled loop of a panel would be unstable is
+      rejected.
     - ``agent_period``: time between two actions [s], a multiple of the control period.
     - ``duration``: length of an episode [s]; None for the scenario's.
     - ``random_phase``: start anywhere on a closed path.
@@ -134,7 +151,8 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
       brings the base back. None: actions always count in full.
 
     ## Version history
-    - v0: first version. Before its release the reward was the unbounded negative cost, as that of ``SFFRFlex-v0``.
+    - v0: first version. Before its release the reward was the unbounded negative cost, as that of ``SFFRFlex-v0``, the
+      law was ``hsc`` or ``ahsc``, and an observation had the first seven numbers of each panel.
     """
 
     def __init__(
@@ -307,5 +325,5 @@ def damping_spaces(
     """
     n_p, kind = panels or len(law.allocation), observation_type(dtype)
     bound = np.tile(BOUNDS, n_p).astype(kind)
-    n_a = n_p * int(law.suppression.damped.sum())
+    n_a = n_p * decisions_of_panel(law)
     return gym.spaces.Box(-1.0, 1.0, (n_a,), np.float32), gym.spaces.Box(-bound, bound, dtype=kind.type)

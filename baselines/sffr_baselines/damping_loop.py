@@ -18,7 +18,7 @@ from sffr_baselines.control_law import (
     start_state,
     state_shapes,
 )
-from sffr_baselines.schedule import N_FEATURES, apply_decision, write_features
+from sffr_baselines.schedule import N_FEATURES, apply_decision, decisions_of_panel, write_features
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import columns, gather, take, where
 from sffr_gym.envs.batch import (
@@ -47,7 +47,7 @@ SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many 
 class Damping(NamedTuple):
     """What ``n`` closed loops have beyond their :class:`batch.Batch`."""
 
-    law: LawState  #: (n, ...) of the law; its ``factor`` is that of the last decision
+    law: LawState  #: (n, ...) of the law; its ``factor`` and ``share`` are those of the last decision
     features: Array  #: (n, n_p N_FEATURES) what the next decision sees
     price: Array  #: (n, n_p) of the last decision, panel by panel: what the score takes of it; see ``_add``
     end: IntArray  #: (n,) control period at which the episode is over
@@ -109,10 +109,10 @@ class DampingStepper(Stepper):
     """
 
     def __init__(self, plants: Sequence[TaskModel], batch: Batch, law: Law, damping: Damping) -> None:
-        n_a = len(law.allocation) * int(law.suppression.damped.sum())
+        n_a = len(law.allocation) * decisions_of_panel(law)
         shapes = decision_shapes(plants[0], law)
         super().__init__(damping_range, plants, batch, n_a, shapes, (law, damping), SMALLEST_CHUNK)
-        self._see = see_row.bind(law, batch.obs, damping.features, self._row)
+        self._see = see_row.bind(law, batch.obs, damping, self._row)
 
     def see(self, i: int) -> None:
         """Write what the next decision sees of environment ``i``, as it is observed."""
@@ -121,12 +121,12 @@ class DampingStepper(Stepper):
 
 
 @entry
-def see_row(law, obs, features, row):
+def see_row(law, obs, damping, row):
     """Write what a schedule sees in an observation; see :func:`schedule.write_features`.
 
-    obs: (n, n_o); features: (n, n_p N_FEATURES), written; row: (1,) which one.
+    obs: (n, n_o); damping: :class:`Damping`, whose features are written; row: (1,) which one.
     """
-    write_features(law, obs[row[0]], features[row[0]])
+    write_features(law, obs[row[0]], damping.law.demand[row[0]], damping.features[row[0]])
 
 
 @entry
@@ -185,7 +185,7 @@ def _begin_decision(law, batch, damping, actions, active, i, decision):
             batch.reward[i + k] = batch.cost[i + k] = 0.0  # stays so after the end of the episode
             batch.terms[i + k, :] = damping.price[i + k, :] = 0.0
             batch.clipped[i + k] = clipped(actions[i + k])
-            apply_decision(law, batch.obs[i + k], actions[i + k], damping.law.factor[i + k])
+            apply_decision(law, batch.obs[i + k], actions[i + k], damping.law.factor[i + k], damping.law.share[i + k])
     _load_state(damping.law, i, decision.law)
     decision.reward[0] = decision.cost[0] = 0.0
     decision.terms[:] = 0.0
@@ -224,7 +224,7 @@ def _end_decision(law, batch, damping, i, group, period, decision, lane):
     take(decision.terms, lane, batch.terms[i])
     take(decision.price, lane, damping.price[i])
     _store_state(decision.law, lane, damping.law, i)
-    write_features(law, batch.obs[i], damping.features[i])
+    write_features(law, batch.obs[i], damping.law.demand[i], damping.features[i])
 
 
 @kernel
@@ -233,6 +233,7 @@ def _load_state(states, i, state):
     for panel in range(len(state.B_hat)):
         gather(states.B_hat[:, panel], i, state.B_hat[panel])
         gather(states.factor[:, panel], i, state.factor[panel])
+    gather(states.share, i, state.share)
     for k in range(len(state.errors)):
         gather(states.errors[:, k], i, state.errors[k])
     gather(states.integral, i, state.integral)
@@ -247,11 +248,12 @@ def _load_state(states, i, state):
 
 @kernel
 def _store_state(state, lane, states, i):
-    """Bring a lane back as the state of law ``i``; the factor is what it was."""
+    """Bring a lane back as the state of law ``i``; factor and share are what they were."""
     for panel in range(len(state.B_hat)):
         take(state.B_hat[panel], lane, states.B_hat[i, panel])
     for k in range(len(state.errors)):
         take(state.errors[k], lane, states.errors[i, k])
+    take(state.demand, lane, states.demand[i])
     take(state.integral, lane, states.integral[i])
     take(state.late, lane, states.late[i])
     take(state.age, lane, states.age[i])

@@ -8,6 +8,7 @@ from sffr_baselines.closed_loop import act, loop_shapes, make_record, run
 from sffr_baselines.control_law import Law, law_shapes, make_states
 from sffr_baselines.damping_loop import damping_range, decision_shapes, make_damping, see_row
 from sffr_baselines.laws import make_law
+from sffr_baselines.schedule import decisions_of_panel
 from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
@@ -58,7 +59,7 @@ def _run() -> Exemplars:
 def _see_row() -> Exemplars:
     task = exemplar_task()
     law, obs = _law(), np.zeros((2, len(task.bound)))
-    yield PLAIN, (law, obs, make_damping(law, 2).features, np.zeros(1, dtype=np.int64))
+    yield PLAIN, (law, obs, make_damping(law, 2), np.zeros(1, dtype=np.int64))
 
 
 @damping_range.shown_by
@@ -66,5 +67,5 @@ def _damping_range() -> Exemplars:
     law = _law()
     for label, batched, memory in exemplar_groups(lambda task: decision_shapes(task, law)):
         damping, active = make_damping(law, WIDTH), np.ones(WIDTH, dtype=np.bool_)
-        decisions = np.zeros((WIDTH, len(law.allocation) * int(law.suppression.damped.sum())))
+        decisions = np.zeros((WIDTH, len(law.allocation) * decisions_of_panel(law)))
         yield label, (*batched, law, damping, decisions, active, *memory, 0, WIDTH)

@@ -51,7 +51,7 @@ def float_base(law, seen, state, work, volts, torque):
         for j in range(N_BASE):
             base[j] = 1.0 if j == k - 1 else 0.0
         answer(law.prior, law.reference, law.gains, law.at, seen, state.integral, work.mic, memory.wrench, torque)
-        add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, base, memory.wrench)
+        add_panel_reaction(law.reaction, law.scale, law.at, seen, volts, base, state.share, memory.wrench)
         for j in range(N_BASE):
             if k == 0:
                 memory.rest[j] = memory.wrench[j]

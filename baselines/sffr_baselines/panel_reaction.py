@@ -90,11 +90,12 @@ def make_panel_reaction(prior: Params, model: Model, K_PZ: Array) -> PanelReacti
 
 
 @kernel
-def add_panel_reaction(panels, limit, at, obs, volts, base, wrench):
+def add_panel_reaction(panels, limit, at, obs, volts, base, share, wrench):
     """Add the force and moment that the panels will need of the base to ``wrench`` (3,), base axes.
 
     panels: :class:`PanelReaction`; limit: (n_u,) of which the first are those of ``volts`` (n_p n_c,), as commanded.
     at: index map of the observation ``obs`` (n_o,); base: (3,) commanded acceleration of the base, base axes.
+    share: (n_p,) of each panel's that is added.
 
     Source: Eqs. 2 to 4, 45, 48 and 49, the axial coordinates at rest.
     """
@@ -125,6 +126,6 @@ def add_panel_reaction(panels, limit, at, obs, volts, base, wrench):
         moment = panels.first_moment[i] * across - first_y * along + alpha * (panels.second_moment[i] + bMb)
         moment += c_bdd + 2.0 * w * bMbd
         fx, fy = c * fx - s * fy, s * fx + c * fy
-        wrench[0] += fx
-        wrench[1] += fy
-        wrench[2] += x * fy - y * fx + moment
+        wrench[0] += share[i] * fx
+        wrench[1] += share[i] * fy
+        wrench[2] += share[i] * (x * fy - y * fx + moment)

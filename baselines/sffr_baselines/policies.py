@@ -42,7 +42,7 @@ POLICIES = {  # every name, with what it is
     "shaped-zv": "the same with the shorter ZV shaper",
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
-} | dict.fromkeys(shipped_policies(), "learned: AHSC with a schedule of its damping, see docs/agents.md")
+} | dict.fromkeys(shipped_policies(), "learned: a law with a schedule of its damping, see docs/agents.md")
 
 
 class Policy(Protocol):

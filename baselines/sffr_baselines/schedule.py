@@ -1,8 +1,10 @@
-"""Schedules of the virtual damping: every few control periods a network sees the panels and chooses a factor of it.
+"""Schedules of a law's damping: every few control periods a network sees the panels and chooses a factor of it.
 
 ``B = B_hat rho**a`` with one number ``a`` in [-1, 1] for each damped coordinate of each panel: whatever the network
-says, B is not negative and takes energy out of a panel. A schedule may yield to the law while the base is off its path.
-What it sees is made of the observation and of what the controller believes, in each panel's own axes, so that one
+says, B is not negative and takes energy out of a panel. Where a law feeds the panels' state back instead, one number
+multiplies the feedback of a panel as a whole, which a regulator bears; where it feeds their reaction forward, one more
+lowers the share of it. A schedule may yield to the law while the base is off its path. What it sees is made of the
+observation, of what the controller believes and of what the law last asked for, in each panel's own axes, so that one
 network can serve all panels.
 """
 
@@ -26,7 +28,9 @@ from sffr_gym.types import Array, IntArray
 N_MODES = 2  # bending modes of the law's panel of one element
 # What is seen of each panel: name, largest magnitude. Modes are coordinates of energy [J^(1/2)] about the quasi-static
 # shape, divided by the root of the panel's energy; the acceleration is that of the path across the panel. One that is
-# pushed to its other side is a mirror image and seen as such, so that the acceleration is never negative.
+# pushed to its other side is a mirror image and seen as such, so that the acceleration is never negative. Products of
+# the coordinates say where in their swing the modes are: these decide when a damping takes most. Demands are what the
+# law last asked of its actuators over their limits, as log10: above 0 they saturated.
 FEATURES = (
     ("mode1_displacement", 1.0),
     ("mode1_rate", 1.0),
@@ -35,11 +39,27 @@ FEATURES = (
     ("log_amplitude", 3.0),
     ("acceleration", 5.0),
     ("acceleration_rate", 5.0),
+    ("mode1_potential_less_kinetic", 1.0),
+    ("mode1_displacement_by_rate", 1.0),
+    ("mode2_potential_less_kinetic", 1.0),
+    ("mode2_displacement_by_rate", 1.0),
+    ("displacement1_by_displacement2", 1.0),
+    ("displacement1_by_rate2", 1.0),
+    ("rate1_by_displacement2", 1.0),
+    ("rate1_by_rate2", 1.0),
+    ("piezo_demand", 2.0),
+    ("thruster_or_joint_demand", 2.0),
+    ("base_error", 3.0),
 )
 N_FEATURES = len(FEATURES)
 BOUNDS = np.array([bound for _, bound in FEATURES])
-LOG_AMPLITUDE, ACCELERATION, ACCELERATION_RATE = range(2 * N_MODES, N_FEATURES)  # places of the features
+LOG_AMPLITUDE, ACCELERATION, ACCELERATION_RATE = range(2 * N_MODES, 2 * N_MODES + 3)  # places of the features
+PHASES, CROSSED = 2 * N_MODES + 3, 4 * N_MODES + 3  # where the products begin: of a mode with itself, of both
+PIEZO_DEMAND, OTHER_DEMAND, BASE_ERROR = range(N_FEATURES - 3, N_FEATURES)
 FAINT = 1.0e-6  # of the energy scale: motion below it has no direction
+LEAST_DEMAND = 1.0e-2  # of a limit: less counts as none
+OFF_PATH = 3.0e-3  # m, error of the base whose logarithm is 0: ten times what is left of it on the path
+LEAST_ERROR = 1.0e-3  # of it
 SETTLING = 0.5  # s, a rate of the base's error counts as the error that it makes in this time
 
 
@@ -48,7 +68,7 @@ class Schedule(NamedTuple):
 
     Attributes:
         hold: control periods from one decision to the next; 0 for no schedule.
-        rho: largest factor of the virtual damping; 1 / rho is the smallest.
+        rho: largest factor of the damping, or of the panels' feedback; 1 / rho is the smallest.
         tolerance: error of the base [m] at which a decision counts half; infinite if it always counts in full.
         lever: distance [m] at which a turn of the base moves a panel's middle.
         modes: (n_p, 2, 2) amplitudes of the bending modes for tip displacement and slope [kg^(1/2), kg^(1/2) m].
@@ -81,7 +101,7 @@ class ScheduleWork(NamedTuple):
 
     features: Array  #: (n_p N_FEATURES,) of all panels
     hidden: Array  #: (2, width) two layers in turn
-    decision: Array  #: (n_p 3,) outputs
+    decision: Array  #: (n_p 4,) outputs
 
 
 def make_schedule(prior: Params) -> Schedule:
@@ -120,16 +140,43 @@ def schedule_shapes(law):
     n_p, width = len(law.allocation), 1
     for k in range(len(law.schedule.sizes)):
         width = max(width, law.schedule.sizes[k])
-    return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * N_TIP,))
+    return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * (N_TIP + 1),))
 
 
 @kernel
-def write_features(law, obs, features):
+def decisions_of_panel(law):
+    """Return how many numbers a schedule chooses for each panel.
+
+    One for each damped coordinate, or for the regulator's feedback, and one for a reaction that is fed forward to
+    thrusters.
+    """
+    count = 1 if law.reaction.active and not law.floating else 0
+    if law.regulator.active:
+        return count + 1
+    for k in range(N_TIP):
+        if law.suppression.damped[k] > 0.0:
+            count += 1
+    return count
+
+
+@kernel
+def base_off_path(law, obs):
+    """Error of the base [m], where turns count as the shifts and rates as the errors that they make."""
+    schedule, at = law.schedule, law.at
+    e, ed = at.base_error, at.base_error_rate
+    shift = length(obs[e], obs[e + 1]) + schedule.lever * abs(obs[at.yaw_error])
+    drift = length(obs[ed], obs[ed + 1]) + schedule.lever * abs(obs[at.yaw_error_rate])
+    return shift + SETTLING * drift
+
+
+@kernel
+def write_features(law, obs, demand, features):
     """Write the features (n_p N_FEATURES,) of an observation, panel by panel in the order of ``FEATURES``.
 
-    law: :class:`closed_loop.Law`; obs: (n_o,).
+    law: :class:`closed_loop.Law`; obs: (n_o,); demand: (n_p + 1,) see :class:`control_law.LawState`.
     """
     schedule, n_p = law.schedule, len(law.allocation)
+    off_path = log10(base_off_path(law, obs) / OFF_PATH + LEAST_ERROR)
     for i in range(n_p):
         own, energy = features[i * N_FEATURES : (i + 1) * N_FEATURES], 0.0
         q, qd = law.at.elastic + N_TIP * i, law.at.elastic_rate + N_TIP * i
@@ -148,48 +195,72 @@ def write_features(law, obs, features):
         size = sqrt(2.0 * (energy + FAINT * schedule.energy))
         for k in range(2 * N_MODES):
             own[k] *= side / size
+        _write_products(own)
         own[LOG_AMPLITUDE] = 0.5 * log10(energy / schedule.energy + FAINT)
         own[ACCELERATION] = side * push / schedule.acceleration
         own[ACCELERATION_RATE] = side * push_rate / schedule.acceleration_rate
+        own[PIEZO_DEMAND] = log10(demand[i] + LEAST_DEMAND)
+        own[OTHER_DEMAND] = log10(demand[n_p] + LEAST_DEMAND)
+        own[BASE_ERROR] = off_path
         for k in range(N_FEATURES):
             own[k] = min(max(own[k], -schedule.bounds[k]), schedule.bounds[k])
 
 
 @kernel
-def apply_decision(law, obs, decision, factor):
-    """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,): one for each damped coordinate.
+def _write_products(own):
+    """Write what the products of a panel's coordinates are, of unit energy in all; own: (N_FEATURES,)."""
+    for m in range(N_MODES):
+        x, xd = own[2 * m], own[2 * m + 1]
+        own[PHASES + 2 * m], own[PHASES + 2 * m + 1] = x * x - xd * xd, 2.0 * x * xd
+    for j in range(N_MODES):
+        for k in range(N_MODES):
+            own[CROSSED + N_MODES * j + k] = 2.0 * own[j] * own[2 + k]
+
+
+@kernel
+def apply_decision(law, obs, decision, factor, share):
+    """Write the factors ``rho**(w a)`` (n_p, 3) for decisions ``a`` (n_p n_d,) of :func:`decisions_of_panel`.
+
+    A regulator's counts for both bending coordinates. The one of the reaction sets the ``share`` (n_p,) of it, at most
+    1: ``rho**min(w a, 0)``.
 
     The weight ``w`` is 1 on the path, and falls to 0 with the error of the base over the schedule's tolerance: while
     the base is thrown about, the panels are driven and not in the free vibration that a schedule knows.
     """
-    schedule, at = law.schedule, law.at
-    e, ed = at.base_error, at.base_error_rate
-    shift = length(obs[e], obs[e + 1]) + schedule.lever * abs(obs[at.yaw_error])
-    drift = length(obs[ed], obs[ed + 1]) + schedule.lever * abs(obs[at.yaw_error_rate])
-    error = (shift + SETTLING * drift) / schedule.tolerance
+    schedule = law.schedule
+    error = base_off_path(law, obs) / schedule.tolerance
     weight = 1.0 / (1.0 + error * error)
     count = 0
     for i in range(len(law.allocation)):
         for k in range(N_TIP):
             factor[i, k] = 1.0
-            if law.suppression.damped[k] > 0.0:
+            if law.suppression.damped[k] > 0.0 and not law.regulator.active:
                 factor[i, k] = schedule.rho ** (weight * min(max(decision[count], -1.0), 1.0))
                 count += 1
+        if law.regulator.active:
+            factor[i, 1] = factor[i, 2] = schedule.rho ** (weight * min(max(decision[count], -1.0), 1.0))
+            count += 1
+        share[i] = 1.0
+        if law.reaction.active and not law.floating:
+            share[i] = schedule.rho ** (weight * min(max(decision[count], -1.0), 0.0))
+            count += 1
 
 
 @kernel(inline=False)
-def update_schedule(law, obs, work, factor):
-    """Let the network choose the factors (n_p, 3) of the virtual damping for an observation.
+def update_schedule(law, obs, state, work):
+    """Let the network choose ``state.factor`` (n_p, 3) and ``state.share`` (n_p,) for an observation.
+
+    law: :class:`control_law.Law`; state: its :class:`control_law.LawState`; work: :class:`ScheduleWork`.
 
     Not inlined, since it is called seldom, and its code would slow down the loop around it.
     """
     schedule = law.schedule
-    write_features(law, obs, work.features)
+    write_features(law, obs, state.demand, work.features)
     n_in, n_out = schedule.sizes[0], schedule.sizes[-1]
     for block in range(len(work.features) // n_in):
         seen = work.features[block * n_in : (block + 1) * n_in]
         _propagate(schedule, seen, work.hidden, work.decision[block * n_out : (block + 1) * n_out])
-    apply_decision(law, obs, work.decision, factor)
+    apply_decision(law, obs, work.decision, state.factor, state.share)
 
 
 @kernel

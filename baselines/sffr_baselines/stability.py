@@ -41,23 +41,35 @@ def sampled_growth(model: Model, B: ArrayLike, damped: ArrayLike, period: float)
         raise ValueError(f"period must be a positive number of seconds, got {period}")
     if len(model.omega2) == 0:
         raise ValueError("the robot has no panels, so there is nothing to damp")
-    return np.max([_panel_growth(model, i, B, damped, period) for i in range(len(model.omega2))], axis=0)
+    gains = (np.asarray(B, dtype=np.float64) * np.asarray(damped, dtype=np.float64))[..., None] * np.eye(N_TIP)
+    none = np.zeros_like(gains)
+    return np.max([feedback_growth(model, i, none, gains, period) for i in range(len(model.omega2))], axis=0)
 
 
-def _panel_growth(model: Model, i: int, B: ArrayLike, damped: ArrayLike, period: float) -> Array:
-    """Return the growth of panel ``i``; see :func:`sampled_growth`."""
+def feedback_growth(model: Model, i: int, stiffness: Array, damping: Array, period: float) -> Array:
+    """Return the growth of panel ``i`` per control period under ``tau = -stiffness q_tip - damping qd_tip``, held.
+
+    Args:
+        model: the robot.
+        i: which of its panels.
+        stiffness: (..., 3, 3) tip forces against a unit of the tip's coordinates.
+        damping: (..., 3, 3) and of their rates.
+        period: control period [s].
+
+    Returns:
+        (...) spectral radii; without modes 0.
+    """
     tip = tip_rows(model)[i]
     n_m = tip.shape[1]
     transition, response = _sampled_modes(model.omega2[i], model.damping[i], period)
     # State [eta, eta_d]; the tip's velocities are tip @ eta_d, a tip force tau makes the modal forces tip' tau.
-    gains = np.asarray(B, dtype=np.float64) * np.asarray(damped, dtype=np.float64)
-    modal_force = np.einsum("km,...k,kn->...mn", tip, gains, tip)
-    step = np.zeros((*gains.shape[:-1], 2 * n_m, 2 * n_m))
-    for i in range(2):
-        rows = slice(i * n_m, (i + 1) * n_m)
-        for j in range(2):
-            step[..., rows, j * n_m : (j + 1) * n_m] = np.diag(transition[:, i, j])
-        step[..., rows, n_m:] -= response[:, i, None] * modal_force
+    modal_forces = np.concatenate([tip.T @ stiffness @ tip, tip.T @ damping @ tip], axis=-1)
+    step = np.zeros((*modal_forces.shape[:-2], 2 * n_m, 2 * n_m))
+    for part in range(2):
+        rows = slice(part * n_m, (part + 1) * n_m)
+        for other in range(2):
+            step[..., rows, other * n_m : (other + 1) * n_m] = np.diag(transition[:, part, other])
+        step[..., rows, :] -= response[:, part, None] * modal_forces
     return np.abs(np.linalg.eigvals(step)).max(axis=-1, initial=0.0)
 
 

@@ -1,4 +1,4 @@
-"""Figures of the scores: costs with their intervals, performance profiles, paired differences to AHSC."""
+"""Figures of the scores: costs with intervals, performance profiles, differences to AHSC, vibration against effort."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FIGURE_FILES = ("benchmark-intervals.png", "benchmark-profiles.png", "benchmark-differences.png")
+FIGURE_FILES = (
+    "benchmark-intervals.png", "benchmark-profiles.png", "benchmark-differences.png", "benchmark-tradeoff.png"
+)  # fmt: skip
 COLUMNS = 5  # of the grid of scenarios
 EDGE = 1.25  # cost beyond which an interquartile mean is written instead of drawn
 RESAMPLES = 500  # of the profiles
 NEAR = 1.6  # cost up to which they are shown at large
+EFFORTS, VIBRATIONS = (0.1, 6.0), (0.2, 3.0)  # ratios to AHSC's that the trade-off shows
 
 
 def draw_benchmark_figures(scores: SuiteScores) -> dict[str, bytes]:
@@ -29,7 +32,7 @@ def draw_benchmark_figures(scores: SuiteScores) -> dict[str, bytes]:
     Raises:
         ConfigError: see :func:`sffr_workbench.figures.style.load_matplotlib`.
     """
-    return draw_figures(dict(zip(FIGURE_FILES, (intervals, profiles, differences), strict=True)), scores)
+    return draw_figures(dict(zip(FIGURE_FILES, (intervals, profiles, differences, tradeoff), strict=True)), scores)
 
 
 def intervals(scores: SuiteScores) -> Figure:
@@ -79,7 +82,7 @@ def profiles(scores: SuiteScores) -> Figure:
             axes.fill_between(thresholds, *band, color=colours[policy], alpha=0.2, linewidth=0.0, step="post")
             axes.step(thresholds, share, color=colours[policy], label=plain(policy), where="post", linewidth=1.6)
     near.set_xlim(low, NEAR)
-    _cost_axis(whole)
+    _logarithmic(whole, "x")
     whole.set_xlim(low, high)
     near.set_ylim(0.0, 1.02)
     near.set_ylabel("share of episodes up to this cost")
@@ -112,17 +115,52 @@ def differences(scores: SuiteScores) -> Figure:
     return figure
 
 
+def tradeoff(scores: SuiteScores) -> Figure:
+    """Draw each policy's vibration against its piezo effort in every scenario, both relative to AHSC's.
+
+    Policies far from it, or with their piezos off, are left out.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(COLUMNS, len(scores.scenarios))
+    rows = -(-len(scores.scenarios) // columns)
+    figure = Figure(figsize=(2.0 * columns + 1.0, 1.0 + 1.8 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    colours = policy_colours(scores.policies)
+    for axes, scenario in zip(grid.flat, scores.scenarios, strict=False):
+        axes.set_title(plain(scenario))
+        axes.axhline(1.0, color="#BBBBBB", linewidth=0.8, zorder=1.0)
+        axes.axvline(1.0, color="#BBBBBB", linewidth=0.8, zorder=1.0)
+        for k, policy in enumerate(scores.policies):
+            ratios = scores.single[scenario][policy].ratios
+            marker = "osD^vP"[k % 6]
+            axes.plot(
+                [ratios["piezo_effort"]], [ratios["vibration"]], marker, color=colours[policy], markersize=5.0,
+                alpha=0.85, label=plain(policy), zorder=3.0,
+            )  # fmt: skip
+    for axes in grid.flat[len(scores.scenarios) :]:
+        axes.set_visible(False)
+    for axes in grid.flat:
+        _logarithmic(axes, "x", "y")
+    grid[0, 0].set(xlim=EFFORTS, ylim=VIBRATIONS)
+    figure.supxlabel("piezo effort relative to AHSC's", fontsize=9)
+    figure.supylabel("vibration relative to AHSC's", fontsize=9)
+    return legend(figure, grid[0, 0])
+
+
 def _bar(axes: Axes, height: float, estimate: Estimate, colour: str) -> None:
     """Draw a value and its interval as a dot on a line."""
     axes.plot([estimate.low, estimate.high], [height, height], color=colour, linewidth=2.4, alpha=0.6, zorder=2.5)
     axes.plot([estimate.value], [height], "o", color=colour, markersize=4.5, zorder=3.0)
 
 
-def _cost_axis(axes: Axes) -> None:
-    """Make the horizontal axis logarithmic, with plain numbers."""
+def _logarithmic(axes: Axes, *names: str) -> None:
+    """Make axes, ``x`` or ``y``, logarithmic, with plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

@@ -29,6 +29,7 @@ CAPTIONS = (
     "Interquartile mean of the episodes' costs, with 95 % intervals",
     "Performance profiles: share of episodes whose cost is at most the threshold, on the left the part near AHSC",
     "Paired differences of cost to AHSC, episode by episode",
+    "Vibration against piezo effort in each scenario, both relative to AHSC's",
 )
 DIGITS = 6  # of the leaderboard's numbers, which are the same on any machine
 

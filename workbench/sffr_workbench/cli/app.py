@@ -10,6 +10,7 @@ from sffr_gym.config.provenance import package_version
 from sffr_workbench.cli import (
     animate,
     benchmark,
+    bound,
     dataset,
     doctor,
     evaluate,
@@ -61,6 +62,7 @@ for module in (
     benchmark,
     sweep,
     learning,
+    bound,
     dataset,
     report,
     export,

@@ -29,7 +29,7 @@ from sffr_workbench.figures import draw_episode_figures
 
 SLOW = 3.0e-4  # s, of a call of a law; an episode of the case study then takes 17 s
 MOST_DIGITS = 8  # of an episode's number
-_LEARNED = {name: "learned: AHSC with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
+_LEARNED = {name: "learned: a law with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
 _POLICY_HELP = (
     "Policies to compare; a learned one by its [bold].npz[/] file, a law of your own as [bold]mine.py:MyLaw[/].\n\n"
     + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items())

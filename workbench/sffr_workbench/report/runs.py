@@ -39,6 +39,7 @@ TITLES = {
     "path.png": "The robot on its path", "tracking.png": "Tracking", "panels.png": "The panels",
     "damping.png": "Virtual damping", "forces.png": "Actuators", "benchmark-intervals.png": "Costs with 95 % intervals",
     "benchmark-profiles.png": "Performance profiles", "benchmark-differences.png": "Paired differences to AHSC",
+    "benchmark-tradeoff.png": "Vibration against effort",
 }  # fmt: skip
 
 

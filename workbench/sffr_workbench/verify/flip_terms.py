@@ -67,8 +67,11 @@ LOOP = {  # file: function: what it computes
         "tracked_errors": "formation", "_kalman_gain": "Riccati", "integrate": "integral", "_correct": "prediction",
         "_reference_motion": "path", "_lag": "delay",
     },
-    f"{LAWS}/schedule.py": {"write_features": "features", "apply_decision": "weight", "_propagate": "network"},
-    f"{LAWS}/stability.py": {"_panel_growth": "sampling", "_sampled_modes": "sampling"},
+    f"{LAWS}/schedule.py": {
+        "write_features": "features", "_write_products": "features", "base_off_path": "weight",
+        "apply_decision": "weight", "_propagate": "network",
+    },
+    f"{LAWS}/stability.py": {"feedback_growth": "sampling", "_sampled_modes": "sampling"},
 }  # fmt: skip
 CONFIG = "configs/sffr.yaml"
 TERMS = EQUATIONS_OF_MOTION | LOOP
