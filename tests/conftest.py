@@ -53,3 +53,13 @@ def short_swing(user_scenario):
 def swinging(user_scenario):
     """A scenario of 2 s that draws the panels' vibration."""
     return user_scenario("swinging", duration=2.0, panel_modes=[{"mode": 1, "amplitude": [0.05, 0.25]}])
+
+
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory):
+    """A folder for what is compiled, of this run alone; its workers share it, and compile everything once."""
+    place = tmp_path_factory.getbasetemp()
+    place = place.parent if "PYTEST_XDIST_WORKER" in os.environ else place
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SFFR_CACHE", str(place / "programs"))
+        yield

@@ -1,5 +1,7 @@
 """Parameters as plain data, and the messages that reject them."""
 
+import json
+
 import pytest
 import yaml
 
@@ -15,6 +17,17 @@ def flatten(tree, prefix=""):
         return {prefix: tree}
     items = tree.items() if isinstance(tree, dict) else enumerate(tree)
     return {key: leaf for part, value in items for key, leaf in flatten(value, f"{prefix}.{part}".lstrip(".")).items()}
+
+
+def put(tree, key, value):
+    """Return a copy of nested plain values with another one at a dotted key."""
+    copy = json.loads(json.dumps(tree))
+    *parents, last = [int(part) if part.isdecimal() else part for part in key.split(".")]
+    place = copy
+    for part in parents:
+        place = place[part]
+    place[last] = value
+    return copy
 
 
 def shipped_tree():

@@ -7,6 +7,7 @@ import json
 import math
 
 import pytest
+from plain_params import put
 
 from sffr_agents.config import CONFIGS
 from sffr_agents.tune_config import TuneConfig
@@ -109,17 +110,6 @@ DEFAULTS = {
 }  # fmt: skip
 
 
-def put(kind, key, value):
-    """Return what a file of a kind holds, with a value at a dotted key."""
-    tree = json.loads(json.dumps(FILES[kind][1]))
-    *parents, last = [int(part) if part.isdecimal() else part for part in key.split(".")]
-    place = tree
-    for part in parents:
-        place = place[part]
-    place[last] = value
-    return tree
-
-
 def read(kind, tree, key):
     """Return the value at a dotted key of a file's content, as it is read."""
     found = build(FILES[kind][0], tree, lambda key: "file")
@@ -131,7 +121,7 @@ def read(kind, tree, key):
 def refused(kind, key, value):
     """Say whether a value is refused by its key's name."""
     try:
-        read(kind, put(kind, key, value), key)
+        read(kind, put(FILES[kind][1], key, value), key)
     except ConfigError as error:
         return f"file: {key} = " in str(error)
     return False
@@ -145,7 +135,7 @@ def beside(end, way):
 @pytest.mark.parametrize(("kind", "key"), [(kind, key) for kind, keys in NUMBERS.items() for key in keys])
 def test_numbers_end_where_they_are_said_to(kind, key):
     low, high = NUMBERS[kind][key]
-    assert [read(kind, put(kind, key, end), key) for end in (low, high)] == [low, high]
+    assert [read(kind, put(FILES[kind][1], key, end), key) for end in (low, high)] == [low, high]
     assert refused(kind, key, beside(low, -1)) and refused(kind, key, beside(high, 1))
 
 
@@ -154,14 +144,14 @@ def test_intervals_end_where_they_are_said_to(key):
     """Either end may be either number, in their order."""
     low, high = DRAWN[key]
     for ends in (low, low), (low, high), (high, high):
-        assert read("scenario", put("scenario", key, ends), key) == ends
+        assert read("scenario", put(FILES["scenario"][1], key, ends), key) == ends
     for ends in (beside(low, -1), high), (low, beside(high, 1)), (high, low):
         assert refused("scenario", key, ends)
 
 
 @pytest.mark.parametrize(("kind", "key", "entry", "most"), LENGTHS)
 def test_lists_end_where_they_are_said_to(kind, key, entry, most):
-    assert len(read(kind, put(kind, key, [entry] * most), key)) == most
+    assert len(read(kind, put(FILES[kind][1], key, [entry] * most), key)) == most
     assert refused(kind, key, [entry] * (most + 1))
 
 

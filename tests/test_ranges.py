@@ -1,12 +1,11 @@
 """Ranges: every number of every kind of file has two ends, names can be shown, and nobody confuses units unnoticed."""
 
-import json
 import math
 import re
 
 import numpy as np
 import pytest
-from plain_params import LEAVES, flatten, rejection
+from plain_params import LEAVES, flatten, put, rejection
 
 from sffr_agents.config import CONFIGS, load_config
 from sffr_agents.tune_config import TuneConfig
@@ -45,17 +44,6 @@ ANGLES = [
     "arms.3.mount_angle",
 ]  # fmt: skip
 DEGREES = {"offset_angle": 3.0, "sensors.angle": 2.0}
-
-
-def put(tree, key, value):
-    """Return a copy of nested plain values with another one at a dotted key."""
-    copy = json.loads(json.dumps(tree))
-    *parents, last = [int(part) if part.isdecimal() else part for part in key.split(".")]
-    place = copy
-    for part in parents:
-        place = place[part]
-    place[last] = value
-    return copy
 
 
 def message_of(kind, key, value):

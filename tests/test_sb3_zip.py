@@ -253,5 +253,6 @@ def test_hostile_megabytes_stay_megabytes(kind, tmp_path):
 def test_export_says_which_configuration(saved, tmp_path):
     """A zip of another network than the shipped one."""
     result = sffr("export", saved[0], "--algo", "ppo", "--out", tmp_path / "a.npz")
-    assert result.exit_code == 2 and "does not fit the configuration: policy." in result.stderr
+    found = "does not fit the configuration: policy: has 'mlp_extractor.policy_net.2.weight', which is unknown"
+    assert result.exit_code == 2 and found in result.stderr
     assert load_config("ppo").network.hidden != load_config("ppo", PPO_SMALL).network.hidden
