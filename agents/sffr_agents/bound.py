@@ -10,6 +10,7 @@ Source: N. Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -18,12 +19,11 @@ from pydantic import Field
 from sffr_agents.config import VALIDATION_SEED
 from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_baselines.learned import LearnedSchedule, Network
-from sffr_baselines.policies import make_policy
-from sffr_baselines.rollout import result_of, rollout
 from sffr_baselines.schedule import N_FEATURES
 from sffr_baselines.scheduled import Scheduling
 from sffr_gym.config.ranges import LARGEST_SEED
 from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.envs.infos import Mask
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.score import FAILED, REFERENCE, WEIGHTS
 from sffr_gym.types import Array
@@ -41,63 +41,76 @@ class BoundSettings(Scheduling):
 
 
 class ScenarioEpisodes:
-    """Episodes of one scenario, the same for every candidate, side by side in one batch.
+    """Episodes of one scenario, the same for every candidate and for AHSC.
 
     Args:
         scenario: name or file.
         settings: of the search.
+
+    Raises:
+        ConfigError: for a scenario or a law that is not valid, or if AHSC leaves nothing to compare with there.
     """
 
     def __init__(self, scenario: str, settings: BoundSettings) -> None:
         env = SFFRFlexEnv(scenario)
         env.reset(seed=VALIDATION_SEED)
-        self.count = settings.episodes if env.episode.drawn else 1
-        self._seeds = [VALIDATION_SEED + k for k in range(self.count)] * settings.population
-        self._shape = (settings.population, self.count, env.params.n_panels)
-        self._steps = -(-env.ticks // round(settings.agent_period / env.params.control.period))
-        prices, self._usual_error = score_prices(env, self._seeds[: self.count])
-        self.batch = SFFRFlexDampingVectorEnv(
-            len(self._seeds), scenario=scenario, overrides=prices, duration=None,
-            random_phase=False, autoreset_mode=AutoresetMode.NEXT_STEP, law=settings.law, rho=settings.rho,
-            agent_period=settings.agent_period, base_tolerance=settings.base_tolerance,
-        )  # fmt: skip
+        self._seeds = [VALIDATION_SEED + k for k in range(settings.episodes if env.episode.drawn else 1)]
+        arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
+        self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
+        reference = _batch(scenario, len(self._seeds), law=REFERENCE)
+        panels = len(reference.action_names) // reference.params.n_panels, N_FEATURES + 1
+        measures, failed = run_episodes(reference, self._seeds, np.zeros((1, *panels)))
+        self._usual = measures.mean(axis=(1, 2))
+        if failed.any() or not (self._usual > 0.0).all():
+            raise ConfigError(f"{scenario}: AHSC fails there, or leaves nothing that a cost could be relative to")
 
     def costs(self, weights: Array) -> Array:
         """Return the mean cost (population,) of candidates (population, n_actions of a panel, N_FEATURES + 1).
 
-        The score, but that the tracking error is taken once an action. An episode that fails counts as there; what its
-        environment does after that does not count.
+        The score; an episode that fails counts as ten times AHSC's.
         """
-        obs, _ = self.batch.reset(seed=self._seeds)
-        (total, square), count = np.zeros((2, len(self._seeds))), len(self.batch.action_names)
-        failed = np.zeros(len(total), dtype=np.bool_)
-        for _ in range(self._steps):
-            seen = obs.reshape(*self._shape, N_FEATURES)
-            raw = np.einsum("paf,pesf->pesa", weights[..., :-1], seen) + weights[:, None, None, :, -1]
-            obs, _, terminated, _, infos = self.batch.step(np.tanh(raw).reshape(-1, count).astype(np.float32))
-            failed |= terminated
-            total += np.where(failed, 0.0, self.batch.step_prices.sum(axis=1))
-            square += np.where(failed, 0.0, infos["object_error"]) ** 2
-        total += WEIGHTS["track_rmse"] * np.sqrt(square / self._steps) / self._usual_error
-        total[failed] = FAILED
-        return np.asarray(total.reshape(self._shape[:2]).mean(axis=1))
+        measures, failed = run_episodes(self.batch, self._seeds * len(weights), weights)
+        ratios = np.where(failed, FAILED, measures / self._usual[:, None, None])
+        return np.asarray(np.tensordot(list(WEIGHTS.values()), ratios, axes=1).mean(axis=1))
 
 
-def score_prices(env: SFFRFlexEnv, seeds: Sequence[int]) -> tuple[tuple[str, ...], float]:
-    """Return settings of the reward by which vibration and effort cost as in the score, and the mean error under AHSC.
+def _batch(scenario: str, n: int, **arguments: Any) -> SFFRFlexDampingVectorEnv:
+    """Return environments of whole episodes, whose price is the squared piezo voltage over time [V2 s]."""
+    prices = [f"reward.{name}.weight=0" for name in ("vibration", "tracking")]
+    return SFFRFlexDampingVectorEnv(
+        n, scenario=scenario, overrides=[*prices, "reward.effort={weight: 1, scale: 1}"], duration=None,
+        random_phase=False, autoreset_mode=AutoresetMode.NEXT_STEP, **arguments,
+    )  # fmt: skip
 
-    Ratios of means to AHSC's on these episodes. The tracking error, whose root no sum of prices has, has none.
+
+def run_episodes(batch: SFFRFlexDampingVectorEnv, seeds: Sequence[int], weights: Array) -> tuple[Array, Mask]:
+    """Run linear schedules from start to end.
+
+    Args:
+        batch: an environment for each of ``seeds``, the first ones for the first schedule.
+        seeds: of the episodes.
+        weights: (schedules, n_actions of a panel, N_FEATURES + 1).
+
+    Returns:
+        What the score counts, in the order of its weights (3, schedules, episodes): mean energy [J] and root mean
+        square error [m], both taken after every action, and effort [V2 s]; and which episodes failed.
     """
-    policy, reward = make_policy(REFERENCE, env), env.params.reward
-    results = [result_of(rollout(env, policy, seed)).measures for seed in seeds]
-    vibration, error, effort = (float(np.mean([each[name] for each in results])) for name in WEIGHTS)
-    length, weight = env.ticks * env.params.control.period, WEIGHTS
-    prices = {
-        "vibration": weight["vibration"] * reward.vibration.scale / (vibration * length),
-        "tracking": 0.0,
-        "effort": weight["piezo_effort"] * reward.effort.scale**2 / effort,
-    }
-    return tuple(f"reward.{name}.weight={price!r}" for name, price in prices.items()), error
+    shape = (len(weights), -1, batch.params.n_panels, N_FEATURES)
+    obs, _ = batch.reset(seed=list(seeds))
+    energy, square, effort, steps = np.zeros((4, len(seeds)))
+    running, failed = np.ones((2, len(seeds)), dtype=np.bool_)
+    while running.any():  # an environment that is done goes on with another episode, which does not count
+        raw = np.einsum("paf,pesf->pesa", weights[..., :-1], obs.reshape(shape)) + weights[:, None, None, :, -1]
+        actions = np.tanh(raw).reshape(len(seeds), -1).astype(np.float32)
+        obs, _, terminated, truncated, infos = batch.step(actions)
+        failed = np.where(running, terminated, failed)
+        energy += np.where(running, infos["vibration"], 0.0)
+        square += np.where(running, infos["object_error"], 0.0) ** 2
+        effort += np.where(running, batch.step_prices.sum(axis=1), 0.0)
+        steps += running
+        running &= ~(terminated | truncated)
+    measures = np.array([energy / steps, np.sqrt(square / steps), effort])
+    return measures.reshape(3, len(weights), -1), failed.reshape(len(weights), -1)
 
 
 def find_bound(
@@ -119,6 +132,12 @@ def find_bound(
 
     episodes = [ScenarioEpisodes(name, settings) for name in settings.scenarios]
     batch = episodes[0].batch
+    for name, other in zip(settings.scenarios, episodes, strict=True):
+        if other.batch.action_names != batch.action_names:
+            raise ConfigError(
+                f"{name}: has the actions {', '.join(other.batch.action_names)}, where {settings.scenarios[0]} has "
+                f"{', '.join(batch.action_names)}: search for each by itself"
+            )
     shape = (len(batch.action_names) // batch.params.n_panels, N_FEATURES + 1)
     options = {"popsize": settings.population, "seed": settings.seed + 1, "verbose": -9}
     strategy = cma.CMAEvolutionStrategy(_weights(start, shape).ravel(), settings.spread, options)

@@ -32,7 +32,7 @@ class PanelReaction(NamedTuple):
     ``a_y`` across the panel, its angular acceleration ``alpha`` and the yaw rate ``w``.
     """
 
-    active: bool  #: whether the law adds it; the paper's do not
+    active: bool  #: whether the law feeds it to thrusters; the paper's do not
     root: Array  #: (n_p, 2) place of the clamped end, base frame [m]
     axis: Array  #: (n_p, 2) direction of the undeformed panel, base frame
     mass: Array  #: (n_p,) of a panel [kg], and its moments about the root [kg m, kg m2]
@@ -72,7 +72,7 @@ def make_panel_reaction(prior: Params, model: Model, K_PZ: Array) -> PanelReacti
         np.array(each)[:n_p] for each in columns
     )
     return PanelReaction(
-        active=prior.control.feedforward,
+        active=prior.control.feedforward and prior.actuators.thrusters != "none",
         root=model.panel_root,
         axis=model.panel_axis,
         mass=mass,

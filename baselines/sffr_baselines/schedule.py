@@ -58,7 +58,7 @@ PHASES, CROSSED = 2 * N_MODES + 3, 4 * N_MODES + 3  # where the products begin: 
 PIEZO_DEMAND, OTHER_DEMAND, BASE_ERROR = range(N_FEATURES - 3, N_FEATURES)
 FAINT = 1.0e-6  # of the energy scale: motion below it has no direction
 LEAST_DEMAND = 1.0e-2  # of a limit: less counts as none
-OFF_PATH = 3.0e-3  # m, error of the base whose logarithm is 0: ten times what is left of it on the path
+OFF_PATH = 3.0e-3  # m, error of the base whose logarithm is 0; on the path AHSC keeps it below 0.7 mm
 LEAST_ERROR = 1.0e-3  # of it
 SETTLING = 0.5  # s, a rate of the base's error counts as the error that it makes in this time
 
@@ -147,10 +147,9 @@ def schedule_shapes(law):
 def decisions_of_panel(law):
     """Return how many numbers a schedule chooses for each panel.
 
-    One for each damped coordinate, or for the regulator's feedback, and one for a reaction that is fed forward to
-    thrusters.
+    One for each damped coordinate, or for the regulator's feedback, and one for a reaction that is fed forward.
     """
-    count = 1 if law.reaction.active and not law.floating else 0
+    count = 1 if law.reaction.active else 0
     if law.regulator.active:
         return count + 1
     for k in range(N_TIP):
@@ -241,7 +240,7 @@ def apply_decision(law, obs, decision, factor, share):
             factor[i, 1] = factor[i, 2] = schedule.rho ** (weight * min(max(decision[count], -1.0), 1.0))
             count += 1
         share[i] = 1.0
-        if law.reaction.active and not law.floating:
+        if law.reaction.active:
             share[i] = schedule.rho ** (weight * min(max(decision[count], -1.0), 0.0))
             count += 1
 

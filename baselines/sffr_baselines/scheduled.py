@@ -141,6 +141,6 @@ def action_names(prior: Params, law: Law) -> tuple[str, ...]:
     """
     damped = [name for name, on in zip(COORDINATES, law.suppression.damped, strict=True) if on]
     names = ["feedback"] if law.regulator.active else damped
-    names += ["reaction"] if law.reaction.active and not law.floating else []
+    names += ["reaction"] if law.reaction.active else []
     assert len(names) == decisions_of_panel(law)
     return tuple(f"{mount.name}_{name}" for mount in prior.panel.mounts for name in names)
