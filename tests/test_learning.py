@@ -165,8 +165,8 @@ def test_errors_of_the_user_are_named(arguments, message):
     ("algo", "defaults", "shipped"),
     [
         ("ppo", "2b0f2c3aee3ce03f", "ac4299588b545c8d"), ("sac", "2cf769a43ad549bc", "805074503b9ccd93"),
-        ("td3", "5bca908fd3782f1b", "bbea896c402c5cde"), ("tqc", "ac4035cd4a111107", "9e42f35738988ee1"),
-        ("crossq", "bab8d86ef92be322", "d98c2cf754ca875f"),
+        ("td3", "5bca908fd3782f1b", "34940e361fb567d1"), ("tqc", "ac4035cd4a111107", "a7eec225cdaa6fd3"),
+        ("crossq", "bab8d86ef92be322", "dfaf2ca9b0158dc1"),
     ],
 )  # fmt: skip
 def test_configurations_are_valid_and_what_trainings_were_named_by(algo, defaults, shipped):

@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sffr_baselines.regulator import root_acceleration
+from sffr_baselines.panel_reaction import N_BENDING
+from sffr_baselines.regulator import deviate, root_acceleration
 from sffr_gym.compile.kernels import kernel
 from sffr_gym.compile.linalg import length
 from sffr_gym.config.params import Params
 from sffr_gym.config.sections import Panel
 from sffr_gym.physics.beam import N_TIP, clamped_modes, one_element_beam
 from sffr_gym.physics.each_panel import of_each_panel
-from sffr_gym.task.observation import reference_turning
 from sffr_gym.types import Array, IntArray
 
 N_MODES = 2  # bending modes of the law's panel of one element
@@ -178,16 +178,15 @@ def write_features(law, obs, demand, features):
     off_path = log10(base_off_path(law, obs) / OFF_PATH + LEAST_ERROR)
     for i in range(n_p):
         own, energy = features[i * N_FEATURES : (i + 1) * N_FEATURES], 0.0
-        q, qd = law.at.elastic + N_TIP * i, law.at.elastic_rate + N_TIP * i
         push, push_rate = root_acceleration(law.regulator, law.at, obs, i)
-        spin, spin_rate = reference_turning(law.at, obs)
         side = -1.0 if push < 0.0 else 1.0
+        deviation = own[CROSSED : CROSSED + 2 * N_BENDING]  # until the products are written there
+        deviate(law.regulator, law.at, obs, i, deviation)
         for m in range(N_MODES):
             x = xd = 0.0
-            for j in range(1, N_TIP):
-                shape, turned = law.regulator.shape[i, j], law.regulator.turned[i, j]
-                x += schedule.modes[i, m, j - 1] * (obs[q + j] - shape * push - turned * spin)
-                xd += schedule.modes[i, m, j - 1] * (obs[qd + j] - shape * push_rate - turned * spin_rate)
+            for j in range(N_BENDING):
+                x += schedule.modes[i, m, j] * deviation[j]
+                xd += schedule.modes[i, m, j] * deviation[N_BENDING + j]
             x *= schedule.omega[i, m]
             energy += 0.5 * (x * x + xd * xd)
             own[2 * m], own[2 * m + 1] = x, xd
