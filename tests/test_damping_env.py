@@ -197,6 +197,23 @@ def test_a_mirrored_panel_is_seen_alike():
         assert (seen[5::N_FEATURES] > 0.0).all() and np.abs(seen[:4]).min() > 0.0
 
 
+def test_a_panel_without_any_energy_has_no_direction():
+    """Its tip where the quasi-static shape has it, and as fast."""
+    law = default_law()
+    for push in (0.0, 0.3):
+        obs = np.zeros(52)
+        obs[law.at.reference_velocity] = 1.0
+        obs[law.at.reference_acceleration + 1] = push
+        for i in range(2):
+            across, spin = law.regulator.across[i], push  # the path turns by its acceleration over its speed
+            obs[law.at.elastic + 3 * i : law.at.elastic + 3 * i + 3] = law.regulator.shape[i] * across[1] * push
+            rate = -law.regulator.shape[i] * across[0] * push * spin
+            obs[law.at.elastic_rate + 3 * i : law.at.elastic_rate + 3 * i + 3] = rate
+        seen = see(law, obs).reshape(2, N_FEATURES)
+        np.testing.assert_allclose(seen[:, :4], 0.0, atol=1e-9)
+        np.testing.assert_allclose(seen[:, 4], -3.0, atol=1e-9)
+
+
 def test_batch_equals_single_environments():
     batch = SFFRFlexDampingVectorEnv(3, scenario="mismatch", duration=0.5)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 3, 4))

@@ -99,8 +99,13 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{LAWS}/position_feedback.py": ["test_position_feedback.py", "-k", "sampled or modes_are or piezos_are or left"],
     f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
     f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or late or integrals or gain or tracked or prediction"],
-    f"{LAWS}/schedule.py": ["test_schedule.py"],
-    f"{LAWS}/stability.py": ["test_stability.py", "-k", "axial_growth or whole_state_space"],
+    f"{LAWS}/schedule.py": [
+        "test_schedule.py", "test_damping_env.py", "-k",
+        "test_schedule or multiplies_a or beyond_its or mirrored or without_any",
+    ],
+    f"{LAWS}/stability.py": [
+        "test_stability.py", "test_scheduled.py", "-k", "axial_growth or whole_state_space or regulated_panel",
+    ],
 }  # fmt: skip
 DERIVATION = "sffr_workbench.verify.panel_symbols"  # SymPy's, slow and of nothing that is flipped: kept
 # Sections that see a file, the fastest first; all the others that need no long run come after them.
@@ -116,6 +121,8 @@ FREE = {  # function, term: why its sign makes no difference
     ("problem", "unknown"): "the cost is a square of the unknowns",
     ("make_position_feedback", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
     ("_kalman_gain", "1.0e-30 * np.eye(2)"): "far below rounding",
+    ("write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
+    ("apply_decision", "base_off_path(law, obs) / schedule.tolerance"): "it enters as its square",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
 }
