@@ -16,7 +16,7 @@ from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.task.control_period import period_shapes
 from sffr_gym.task.episode import draw, nominal
-from sffr_gym.task.observation import observation_fields
+from sffr_gym.task.observation import observation_fields, reference_turning
 from sffr_gym.task.reference import desired, path_reference
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.task_model import make_task_model
@@ -160,6 +160,14 @@ def test_every_field_follows_from_the_kinematics(variant, seed, phase, tick):
         np.testing.assert_allclose(obs[field.slice], np.ravel(expected.get(name, [])), rtol=0, atol=1e-11, err_msg=name)
     assert obs.size == sum(field.size for field in observer.fields.values())
     np.testing.assert_array_equal(obs, observer(p, v, tick))
+
+
+@pytest.mark.parametrize("heading", ["fixed", "tangent"])
+def test_a_circle_is_turned_along_evenly(heading):
+    """No angular acceleration, nor a change of it, whether the heading turns or not."""
+    observer = Observer(load_params().with_overrides(f"path.heading={heading}"))
+    at = make_task_model(observer.params).at
+    assert reference_turning(at, observer(observer.p, observer.v, 700)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("turns", [0.2, 5.3])

@@ -8,6 +8,7 @@ from sffr_baselines import make_policy
 from sffr_baselines.laws import make_law
 from sffr_baselines.rollout import rollout
 from sffr_baselines.stability import sampled_growth
+from sffr_baselines.suppression import damped_coordinates
 from sffr_gym import ConfigError, SFFRFlexEnv, SFFRFlexVectorEnv, load_params
 from sffr_gym.physics.actuators import pack_actuators
 from sffr_gym.physics.model import joint_slice, modal, mode_slice, pack
@@ -50,6 +51,16 @@ def test_all_panels_changed_one_by_one_are_the_panel_changed_for_all():
     for name in ("ahsc", "lqr-ff", "mpc", "ppf"):
         for left, right in zip(leaves(make_law(name, one_by_one)), leaves(make_law(name, together)), strict=True):
             np.testing.assert_array_equal(left, right)
+
+
+@pytest.mark.parametrize("name", ["lqr", "mpc"])
+def test_a_panel_is_fed_back_as_if_all_were_like_it(name):
+    """Even beside one so stiff that of a robot with both the law would leave more coordinates undamped."""
+    stiff, soft = robot(RIGHT + "EI=1.0e+6"), robot()
+    assert len(damped_coordinates(stiff)) < len(damped_coordinates(soft))
+    gains = [make_law(name, params).regulator.gain for params in (stiff, soft)]
+    np.testing.assert_array_equal(gains[0][0], gains[1][0])
+    assert not np.allclose(gains[0][1], gains[1][1])
 
 
 @pytest.mark.parametrize("elements", [1, 2])

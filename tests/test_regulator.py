@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
+from test_observation import Observer
 
 from sffr_baselines import make_policy
+from sffr_baselines.laws import make_law
 from sffr_baselines.panel_reaction import BENDING
-from sffr_baselines.regulator import optimal_gain, sampled_panel, worth_of_effort
+from sffr_baselines.regulator import optimal_gain, root_acceleration, sampled_panel, worth_of_effort
 from sffr_baselines.rollout import result_of, rollout
 from sffr_baselines.settings import load_settings
 from sffr_gym.config.params import load_params
@@ -214,6 +216,23 @@ def test_no_force_at_the_quasi_static_motion_of_a_tangent_path(yaw):
         shapes.append(across @ ([0.0, speed * turn] - turn**2 * root) * tip)
     obs[fields["elastic"].slice], obs[fields["elastic_rate"].slice] = np.ravel(shapes), 0.0
     np.testing.assert_allclose(make_policy("lqr", env)(obs)[:6], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [["kind=slew"], ["kind=figure-eight", "heading=tangent"], ["kind=waypoints", "heading=tangent"], ["kind=circle"]],
+)
+def test_the_rate_of_a_roots_acceleration_is_its_derivative(keys):
+    """On every path, whether the jerk is observed or follows from a circle; for roots at different places."""
+    mounts = "panel.mounts=[{name: a, root: [0.3, -0.7], angle: 2.1}, {name: b, root: [0, 0.5], angle: 1.5708}]"
+    observer = Observer(PARAMS.with_overrides(mounts, *(f"path.{key}" for key in keys)))
+    law, h = make_law("lqr", observer.params), 4
+    for tick in (500, 1700, 2900):
+        seen = [observer(observer.p, observer.v, tick + shift) for shift in (-h, 0, h)]
+        for i in range(2):
+            (before, _), (_, rate), (after, _) = (root_acceleration(law.regulator, law.at, obs, i) for obs in seen)
+            slope = (after - before) / (2 * h * observer.params.control.period)
+            assert rate == pytest.approx(slope, rel=1e-3, abs=1e-6) and abs(rate) > 1e-5
 
 
 def test_forces_follow_the_gain():

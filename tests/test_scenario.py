@@ -115,6 +115,11 @@ def test_offset_moves_the_robot_as_one(simulator):
     assert -0.05 <= min(angles) < -0.04 and 0.04 < max(angles) <= 0.05
 
 
+def test_offset_goes_to_all_sides(simulator):
+    directions = [drawn["offset_direction_rad"] for _, drawn in starts(simulator, "offset")]
+    assert set(np.floor(np.array(directions) / (np.pi / 2))) == {0, 1, 2, 3}
+
+
 def test_offset_keeps_the_grasps_at_rest_for_a_turning_start(simulator):
     """A start that turns stays consistent when it is moved as one: the grippers keep the velocity of their points."""
     turning = Simulator(simulator.params.with_overrides("initial.qd=[0.85, 0, 0.2, 0, 0, 0, 0, 0, 0]"))

@@ -89,6 +89,17 @@ def test_without_an_object_the_base_follows_the_path(params):
     np.testing.assert_array_equal(state.qd, [0.5, 0.0, 0.5 / 15.0, *[0.0] * 6])
 
 
+def test_a_drawn_speed_of_a_figure_eight_is_begun_turning():
+    """Robot and object leave as the faster path does, whose heading already turns at the start."""
+    params = load_params().with_overrides("path.kind=figure-eight", "path.speed=0.7", TANGENT)
+    known = nominal(params)
+    episode = draw(load_scenario("fast"), known, np.random.default_rng(3))
+    want, begun = desired(episode.reference, 0.0), params.path.start[2]
+    np.testing.assert_allclose(episode.v[known.model.at.object :], [want.xd, want.yd, want.turn], rtol=0, atol=1e-12)
+    assert episode.v[2] == pytest.approx(want.turn, abs=1e-12)
+    assert abs(want.turn - begun) > 1e-3 and abs(begun) > 1e-3
+
+
 def test_a_drawn_speed_leaves_from_the_overridden_one():
     """`fast` on a robot of another speed starts at the drawn speed all the same."""
     params = load_params().with_overrides("path.speed=0.7", TANGENT)

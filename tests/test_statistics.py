@@ -127,7 +127,8 @@ def test_what_is_no_table_raises(empty):
 
 
 def test_errors_are_named():
-    with pytest.raises(ValueError, match=r"confidence must be between 0 and 1, got 95"):
-        stratified_bootstrap(scores(0, 3, 1), confidence=95)
+    for confidence in 95, 1.0, 0.0, -0.1:
+        with pytest.raises(ValueError, match=f"confidence must be between 0 and 1, got {confidence}"):
+            stratified_bootstrap(scores(0, 3, 1), confidence=confidence)
     with pytest.raises(ValueError, match="2 and of 3 scenarios"):
         probability_of_improvement(scores(0, 4, 2), scores(0, 4, 3))
