@@ -290,3 +290,13 @@ def test_an_override_is_shown_in_a_line(assignment: str) -> None:
         load_params().with_overrides(assignment)
     for line in str(caught.value).splitlines():
         assert line.startswith("override '") and line.isprintable() and len(line) < 1000
+
+
+def test_what_was_read_is_the_readers_own(tmp_path):
+    """The same text is parsed once, and what somebody does to its values reaches nobody else."""
+    file = tmp_path / "a.yaml"
+    file.write_text("a: {b: [1, 2]}\n", encoding="utf-8")
+    first, _ = read_mapping(file)
+    first["a"]["b"].append(3)
+    first["a"]["c"] = 4
+    assert read_mapping(file)[0] == {"a": {"b": [1, 2]}}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -78,6 +80,13 @@ def parse_yaml(text: str) -> tuple[Any, dict[Key, int]]:
     Raises:
         Exception: one of ``UNREADABLE``, which :func:`explain_unreadable` puts into words.
     """
+    value, lines = _parsed(text)
+    return copy.deepcopy(value), dict(lines)
+
+
+@functools.lru_cache(maxsize=64)
+def _parsed(text: str) -> tuple[Any, dict[Key, int]]:
+    """Return what :func:`parse_yaml` does: the shipped files are read again for each environment."""
     loader = _Loader(text)
     try:
         node = loader.get_single_node()

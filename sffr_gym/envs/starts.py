@@ -5,12 +5,15 @@ Asked once, when an environment is built or gets another scenario, and not in th
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.batch import make_batch, observe_row, put_episode
 from sffr_gym.task.control_period import period_shapes
@@ -48,18 +51,36 @@ def check_starts(scenario: Scenario, known: Nominal, plant: TaskModel) -> None:
         ConfigError: if the robot lacks what the scenario asks for, or a start lies outside of the observation space;
             the message names the field, what it reaches, and the key of its bound.
     """
-    rng, reached = Extremes(np.random.PCG64(SEED)), np.zeros(len(plant.bound))
+    reached = _reached(_Question(scenario, known.params, known.plant, known, plant))
+    for part in known.fields.values():
+        if part.size and reached[part.slice].max() > part.bound:
+            raise ConfigError(
+                f"{BOUNDED_BY[part.unit]}: bounds {part.name} to {part.bound:g} [{part.unit}], which a start of "
+                f"scenario '{scenario.name}' exceeds with {reached[part.slice].max():.4g}; widen it, or draw less"
+            )
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What the extremes of the starts depend on, and what was made of it."""
+
+    scenario: Scenario
+    params: Params
+    plant: Params
+    known: Nominal = field(compare=False)
+    packed: TaskModel = field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _reached(asked: _Question) -> Array:
+    """Return the largest true observation (n_o,) at the starts; once for all environments that are alike."""
+    rng, reached = Extremes(np.random.PCG64(SEED)), np.zeros(len(asked.packed.bound))
     for _ in range(DRAWS):
-        episode = draw(scenario, known, rng)
-        np.maximum(reached, np.abs(_observed(episode, known, plant)), out=reached)
+        episode = draw(asked.scenario, asked.known, rng)
+        np.maximum(reached, np.abs(_observed(episode, asked.known, asked.packed)), out=reached)
         if not episode.drawn:  # all are the same
             break
-    for field in known.fields.values():
-        if field.size and reached[field.slice].max() > field.bound:
-            raise ConfigError(
-                f"{BOUNDED_BY[field.unit]}: bounds {field.name} to {field.bound:g} [{field.unit}], which a start of "
-                f"scenario '{scenario.name}' exceeds with {reached[field.slice].max():.4g}; widen it, or draw less"
-            )
+    return reached
 
 
 def _observed(episode: Episode, known: Nominal, nominal: TaskModel) -> Array:

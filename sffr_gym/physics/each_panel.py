@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -36,4 +37,13 @@ def of_each_panel(params: Params, function: Callable[[Panel], T]) -> list[T]:
 
 
 def _beam(panel: Panel) -> Beam:
-    return beam(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+    return _beam_of(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+
+
+@functools.lru_cache(maxsize=64)
+def _beam_of(mass: float, length: float, EI: float, EA: float, elements: int) -> Beam:
+    """Return what :func:`beam` does, for all who read it."""
+    integrals = beam(mass, length, EI, EA, elements)
+    for each in integrals[3:]:
+        each.setflags(write=False)
+    return integrals
