@@ -185,6 +185,16 @@ def test_policy_that_fails_does_not_squash_the_others(tmp_path):
     assert volts["hsc"] < axes.get_ylim()[1] < 2.0 * volts["hsc"] < volts["random"]
 
 
+def test_a_path_that_crosses_itself_shows_one_robot_with_both_times(tmp_path):
+    (tmp_path / "eight.yaml").write_text(
+        "{name: eight, description: A test's., robot: [path.kind=figure-eight, path.radius=10]}"
+    )
+    first = evaluate(["hsc"], str(tmp_path / "eight.yaml"), episodes=1).first
+    figure = path_figure(first["hsc"], (data := figure_data(first)).model, data.params)
+    times = [text.get_text().count(" s") for text in figure.axes[0].texts]
+    assert sorted(times) == [1] * 6 + [2]
+
+
 def test_robot_without_an_object_or_arms_is_drawn(tmp_path):
     free = run(tmp_path, ["hsc"], "object=null", "arms=[]", "initial.q=[0, 0, 0]", "initial.qd=[0.85, 0, 0]")
     data = figure_data(free.first)

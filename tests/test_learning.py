@@ -278,6 +278,11 @@ def test_an_actor_can_be_linear_beside_deep_critics(algo):
     np.testing.assert_allclose(network(obs), model.predict(obs, deterministic=True)[0], atol=1e-5)
 
 
+def test_critics_have_hidden_layers():
+    with pytest.raises(ConfigError, match=r"network\.hidden = \[\]: must have at least 1 entry"):
+        small("ppo", "network.hidden=[]")
+
+
 @pytest.mark.parametrize("learned", [True, False])
 def test_the_spread_of_actions_is_learned_or_stays(learned):
     model, _ = make_model(small("ppo", f"learning.learn_spread={str(learned).lower()}"), seed=0)

@@ -7,9 +7,10 @@ import pytest
 from sffr_baselines import POLICIES, make_policy
 from sffr_baselines.laws import ORACLES
 from sffr_baselines.learned import shipped_policies
-from sffr_baselines.policies import check_titles
+from sffr_baselines.policies import check_titles, names_policy, policy_file
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.strict_yaml import config_dir
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 
@@ -34,6 +35,15 @@ def test_names():
     assert all(POLICIES.values())
     for name in POLICIES:
         assert make_policy(name, load_params()).name == name
+
+
+def test_what_is_written_as_a_policy_names_the_file_that_decides(tmp_path):
+    (tmp_path / "mine.py").write_text("class Law: ...\n")
+    own = f"{tmp_path}/mine.py:Law"
+    assert all(names_policy(name) for name in ("hsc", "sac", "x/best.npz", own, "package.module:Law,gain=2"))
+    assert not any(names_policy(name) for name in ("nominal", "mine.py", "best.np"))
+    assert policy_file(own) == tmp_path / "mine.py"
+    assert policy_file("sac") == config_dir() / "policies" / "sac.npz" and policy_file("hsc") is None
 
 
 @pytest.mark.parametrize(

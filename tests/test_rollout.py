@@ -48,3 +48,10 @@ def test_memory_is_that_of_the_arrays(user_scenario):
     env = SFFRFlexEnv(user_scenario(duration=1.0e5))
     with pytest.raises(ConfigError, match=r"an episode of 1e\+05 s, 5e\+07 control periods, would take 6\.9\d GiB"):
         rollout(env, make_policy("none", env), 0)
+
+
+@pytest.mark.parametrize("stride", [0, -1, 1.5, True, "2"])
+def test_a_stride_is_a_number_of_control_periods(stride):
+    env = SFFRFlexEnv()
+    with pytest.raises(ValueError, match="stride must be a whole number of control periods, at least 1, got"):
+        rollout(env, make_policy("none", env), 0, stride=stride)

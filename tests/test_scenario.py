@@ -115,6 +115,11 @@ def test_offset_moves_the_robot_as_one(simulator):
     assert -0.05 <= min(angles) < -0.04 and 0.04 < max(angles) <= 0.05
 
 
+def test_a_plant_is_drawn_with_its_numbers_or_with_its_faults():
+    assert all(load_scenario(name).draws_plant for name in ("payload", "degraded", "weak"))
+    assert not any(load_scenario(name).draws_plant for name in ("nominal", "noise", "truth", "patches"))
+
+
 def test_offset_goes_to_all_sides(simulator):
     directions = [drawn["offset_direction_rad"] for _, drawn in starts(simulator, "offset")]
     assert set(np.floor(np.array(directions) / (np.pi / 2))) == {0, 1, 2, 3}

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sffr_baselines import make_policy
-from sffr_baselines.laws import undamped_coordinates
+from sffr_baselines.laws import make_law, undamped_coordinates
 from sffr_baselines.suppression import damped_coordinates
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -229,6 +229,12 @@ def test_none_leaves_the_piezos_off():
     for seed in range(5):
         assert not bench(*states(seed, 3.0), yaw_rate=1.0).any()
     assert not bench.B_hat.any()
+
+
+def test_position_feedback_leaves_the_virtual_damping_out():
+    law = make_law("ppf", load_params()).suppression
+    np.testing.assert_array_equal(law.B0, 0.0)
+    assert law.damped.any()  # what the panels' motion asks for beside it stays
 
 
 def test_law_knows_the_prior_alone():

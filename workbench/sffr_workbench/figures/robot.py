@@ -25,6 +25,7 @@ FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)  # by which deflections may be enlarged
 LARGEST = 0.3  # of a panel's length: how far an enlarged tip may be drawn from the straight panel
 APART = 10.0  # m of path between two drawn robots
 MAX_ROBOTS = 8
+TOGETHER = 1.0  # m between robots that would hide each other
 
 
 def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
@@ -44,11 +45,12 @@ def path_figure(trajectory: Trajectory, model: Model, params: Params) -> Figure:
     figure = Figure(figsize=(10.2, 6.9), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[2.0, 1.0])
     _draw_paths(whole, trajectory, model, params)
-    for row in shown:
-        draw_robot(whole, model, params, trajectory.p[row], factor, size=0.55)
-        _write_time(whole, trajectory, model, row)
+    for rows_there in _meetings(trajectory, shown):  # a path that crosses itself has several
+        draw_robot(whole, model, params, trajectory.p[rows_there[0]], factor, size=0.55)
+        _write_times(whole, trajectory, model, rows_there)
     whole.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    whole.set_xlim(whole.dataLim.x0 - 3.6, whole.dataLim.x1 + 3.6)
+    room = max(3.6, 0.1 * whole.dataLim.height)  # for what is written beside the outermost robots
+    whole.set_xlim(whole.dataLim.x0 - room, whole.dataLim.x1 + room)
     whole.grid(False)
     title = f"{plain(trajectory.policy)}, {plain(trajectory.scenario)}"
     title += f"\npanel deflections \u00d7{factor}" if params.panel.mounts else ""
@@ -123,9 +125,21 @@ def _desired(trajectory: Trajectory) -> Array:
     return path_points(trajectory.reference, np.linspace(0.0, track_of(trajectory.reference).span, 361))
 
 
-def _write_time(axes: Axes, trajectory: Trajectory, model: Model, row: int) -> None:
-    """Write the time beside a robot, where its arms, its panels and the path leave room."""
-    p = trajectory.p[row]
+def _meetings(trajectory: Trajectory, shown: Array) -> list[list[int]]:
+    """Return the rows at which a robot is drawn, those together in which it is at the same place."""
+    found: list[list[int]] = []
+    for row in shown.tolist():
+        near = (rows for rows in found if np.hypot(*(trajectory.p[row] - trajectory.p[rows[0]])[:2]) < TOGETHER)
+        if rows := next(near, None):
+            rows.append(row)
+        else:
+            found.append([row])
+    return found
+
+
+def _write_times(axes: Axes, trajectory: Trajectory, model: Model, rows: list[int]) -> None:
+    """Write the times beside a robot, where its arms, its panels and the path leave room."""
+    p = trajectory.p[rows[0]]
     track = track_of(trajectory.reference)
     outward = (p[:2] - track.centre) / track.reach
     arms = [arm_line(model, p, arm)[:, 0].max() for arm in range(len(model.arm_mount))]
@@ -134,7 +148,7 @@ def _write_time(axes: Axes, trajectory: Trajectory, model: Model, row: int) -> N
         place, side = p[:2] + rotation(p[2]) @ np.array([1.6, -3.0]), "center"
     elif outward[0] < -0.2:
         place, side = p[:2] - np.array([1.5, 0.0]), "right"
-    axes.text(place[0], place[1], f"{trajectory.t[row]:.1f} s", color=EDGE, ha=side, va="center")
+    axes.text(place[0], place[1], ", ".join(f"{t:.1f} s" for t in trajectory.t[rows]), color=EDGE, ha=side, va="center")
 
 
 def _label(axes: Axes, parts: list[tuple[str, Array]]) -> tuple[Array, Array]:
