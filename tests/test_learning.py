@@ -278,9 +278,10 @@ def test_an_actor_can_be_linear_beside_deep_critics(algo):
     np.testing.assert_allclose(network(obs), model.predict(obs, deterministic=True)[0], atol=1e-5)
 
 
-def test_critics_have_hidden_layers():
-    with pytest.raises(ConfigError, match=r"network\.hidden = \[\]: must have at least 1 entry"):
-        small("ppo", "network.hidden=[]")
+@pytest.mark.parametrize("key", ["network.hidden", "validation.scenarios"])
+def test_critics_have_hidden_layers_and_validations_scenarios(key):
+    with pytest.raises(ConfigError, match=rf"{key} = \[\]: must have at least 1 entry"):
+        small("ppo", f"{key}=[]")
 
 
 @pytest.mark.parametrize("learned", [True, False])

@@ -8,6 +8,7 @@ from sffr_gym import ConfigError
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.task.metrics import MEASURES
 from sffr_gym.task.score import Result
+from sffr_gym.task.statistics import stratified_bootstrap
 from sffr_workbench.benchmark.seeds import over_seeds, score_seeds
 from sffr_workbench.cli.app import app
 from sffr_workbench.evaluation import EPISODES_FILE, PLAN_FILE, Identity, episodes_csv
@@ -60,6 +61,14 @@ def test_interval_covers_the_training_seeds():
     assert estimate.low < estimate.value < estimate.high
     assert estimate.high - estimate.low > 0.5 * seeds.std()
     assert over_seeds(table[:, :1]).high - over_seeds(table[:, :1]).low < 0.001
+
+
+def test_interval_of_one_seed_is_that_of_its_episodes():
+    """As wide as the one of the benchmark, but for the draws."""
+    table = np.random.default_rng(2).lognormal(size=(300, 1))
+    found, known = over_seeds(table), stratified_bootstrap(table)
+    assert found.value == pytest.approx(known.value, rel=1e-12)
+    assert found.high - found.low == pytest.approx(known.high - known.low, rel=0.08)
 
 
 def test_seeds_that_agree_share_their_episodes():
