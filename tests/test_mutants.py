@@ -11,13 +11,26 @@ from project import ROOT
 mutants = pytest.importorskip("cosmic_ray") and __import__("mutants")
 
 
+def collected(request, files):
+    """Lines ``FILE::TEST`` of the fast tests: of this run if it has all the files, else asked of another pytest."""
+    here = [item.nodeid for item in request.session.items if item.get_closest_marker("slow") is None]
+    if {f"{file}::" for file in files} <= {name[: name.index("::") + 2] for name in here} and not narrowed(request):
+        return here
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "not slow", *files]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def narrowed(request):
+    """Whether this run leaves out fast tests of its files."""
+    return bool(request.config.option.keyword) or request.config.option.markexpr not in ("", "not slow")
+
+
 @pytest.fixture(scope="module")
-def fast_tests():
+def fast_tests(request):
     """Names of the fast tests of each file, with their parameters."""
     files = sorted({f"tests/{shlex.split(test)[0]}" for tests in mutants.MODULES.values() for test in tests})
-    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "not slow", *files]
-    lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    names = [line.removeprefix("tests/").split("::", 1) for line in lines if "::" in line]
+    lines = [line for line in collected(request, files) if line.startswith("tests/") and "::" in line]
+    names = [line.removeprefix("tests/").split("::", 1) for line in lines]
     return {file: [name.lower() for other, name in names if other == file] for file, _ in names}
 
 

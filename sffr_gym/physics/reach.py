@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
@@ -192,6 +191,8 @@ class _Problem:
 
     def solve(self, start: Array) -> Array | None:
         """Return the unknowns of a solution, or None."""
+        from scipy.optimize import minimize  # here, since it takes a third of the time of `import sffr_gym` to load
+
         constraints = [{"type": "eq", "fun": lambda y: self.gaps(y)[0], "jac": lambda y: self.gaps(y)[1]}]
         constraints += [{"type": "ineq", "fun": lambda y: self.bent(y)[0], "jac": lambda y: self.bent(y)[1]}]
         found = minimize(
