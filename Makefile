@@ -86,8 +86,8 @@ contracts: $(VENV)/.dev ## which package may import which
 
 check: lint types contracts test ## lint, types, contracts and test, without proofs
 
-docs: $(VENV)/.dev ## the documentation, into docs/_build/html; a warning is an error
-	SFFR_INTERPRETED=1 $(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
+docs: $(VENV)/.dev ## the documentation, its notebooks run, into docs/_build/html; a warning is an error
+	$(BIN)/python -m sphinx --builder html --fresh-env --fail-on-warning --quiet docs docs/_build/html
 
 clients: $(VENV)/.dev ## run the programs of docs/clients in environments of their own; docs/clients/tried.md; CLIENTS="skrl zoo" for some
 	$(BIN)/python tests/clients/run.py $(CLIENTS)

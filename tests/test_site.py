@@ -59,6 +59,16 @@ def test_pages_of_environments_are_their_docstrings():
         assert words in text
 
 
+@pytest.mark.parametrize("name", ["first_steps", "own_law"])
+def test_notebooks_show_what_they_ran(name, pages):
+    """The table of an evaluation, a picture, and the notebook itself to download, with no cell that failed."""
+    page = SITE / "tutorials" / f"{name}.html"
+    text, targets = page.read_text(encoding="utf-8"), pages[page].targets
+    assert text.count("cell_output") >= 3 and "<caption>" in text and "<th>ahsc</th>" in text
+    assert any(target.endswith(".png") for target in targets) and any(name in t and ".ipynb" in t for t in targets)
+    assert "Traceback" not in text
+
+
 def test_every_command_is_listed():
     from typer.main import get_command
 

@@ -67,6 +67,17 @@ def test_mistakes_of_ours_keep_their_traceback(monkeypatch, tmp_path):
         sffr("report", tmp_path)
 
 
+@pytest.mark.parametrize("words", [["--help"], ["evaluate", "hsc"], ["doctor"]], ids=lambda words: words[0])
+def test_a_working_directory_that_is_gone_is_told_in_a_sentence(words, tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = "import os, sys; os.rmdir(os.getcwd()); from sffr_workbench.cli.main import main; sys.exit(main())"
+    done = subprocess.run([sys.executable, "-c", code, *words], cwd=gone, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: the working directory cannot be used")
+
+
 def test_names_that_no_table_can_show_are_refused(tmp_path):
     for name in ("a\nb", "a\x1b[2Jb", "a\u202eb"):
         failed = sffr("evaluate", "hsc", tmp_path / f"{name}.npz", "--out", tmp_path / "run")

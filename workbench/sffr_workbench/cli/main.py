@@ -18,6 +18,7 @@ def _one_line(message: Warning | str, *_: Any, **__: Any) -> str:
 def main() -> None:
     """Run a command; what it was doing when an interrupt came is left as a killed process leaves it."""
     warnings.formatwarning = _one_line
+    _check_folder()
     try:
         from sffr_workbench.cli.app import app  # takes half a second, in which somebody may change their mind
 
@@ -25,6 +26,18 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr, flush=True)
         os._exit(INTERRUPTED)  # threads that still work would print tracebacks of their own
+
+
+def _check_folder() -> None:
+    """End with a sentence if the working directory has been deleted: libraries fail there in ways of their own."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        print(
+            f"error: the working directory cannot be used ({error.strerror}); change to one that exists",
+            file=sys.stderr,
+        )
+        sys.exit(2)
 
 
 if __name__ == "__main__":
