@@ -99,10 +99,12 @@ def test_a_law_that_pushes_is_searched_likewise(short_swing):
 
 def test_command_leaves_the_best_so_far(short_swing, tmp_path):
     file = tmp_path / "bound.npz"
-    arguments = ["bound", short_swing, "--law", "hsc", "-n", "1", "--generations", "2", "--out", str(file)]
+    arguments = ["bound", short_swing, "--law", "hsc", "-n", "1", "--generations", "2", "--base-tolerance", "0.003",
+                 "--out", str(file)]  # fmt: skip
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0 and f"{file}: cost " in done.output.replace("\n", "")
-    assert load_schedule(file).trained["evaluations"] == 24
+    found = load_schedule(file)
+    assert (found.trained["evaluations"], found.base_tolerance) == (24, 0.003)
     again = CliRunner().invoke(app, arguments)
     assert again.exit_code == 2 and "--overwrite" in again.output
 
@@ -114,6 +116,7 @@ def test_command_leaves_the_best_so_far(short_swing, tmp_path):
         (["nominl"], "did you mean 'nominal'"),
         (["nominal", "--out", "bound.zip"], "ends in .npz"),
         (["nominal", "--rho", "0.5"], "rho = 0.5"),
+        (["nominal", "--base-tolerance", "0"], "base_tolerance = 0.0"),
     ],
 )
 def test_what_cannot_be_searched_is_named(arguments, message, tmp_path, monkeypatch):

@@ -33,6 +33,10 @@ def bound_command(
     out: Annotated[Path, option("--out -o", "Where the policy goes.", "FILE")] = Path("bound.npz"),
     law: Annotated[str, option("--law", f"Law inside: {', '.join(SCHEDULED)}.", "LAW")] = "ahsc",
     rho: Annotated[float, option("--rho", "Largest factor of its damping.", "R")] = RHO,
+    base_tolerance: Annotated[
+        float | None,
+        option("--base-tolerance", "Error of the base at which an action counts half, in m.", "M", "always in full"),
+    ] = None,
     episodes: Annotated[
         int, option("--episodes -n", f"Of each scenario that draws, from seed {VALIDATION_SEED}.", "N", parser=whole())
     ] = DEFAULTS.episodes,
@@ -58,8 +62,8 @@ def bound_command(
             raise ConfigError(f"{out}: a policy's file ends in .npz")
         check_target(out, overwrite)
         settings = check_arguments(
-            BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, episodes=episodes, generations=generations,
-            spread=spread, seed=seed,
+            BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, base_tolerance=base_tolerance,
+            episodes=episodes, generations=generations, spread=spread, seed=seed,
         )  # fmt: skip
         begin = None if start is None else load_schedule(start)
         require("tune", "cma")
