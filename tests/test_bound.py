@@ -91,6 +91,15 @@ def test_a_search_goes_on_from_what_it_has_found(short_swing):
         next(find_bound(settings(short_swing), load_schedule("ppo")))
 
 
+def test_features_that_are_left_out_stay_at_the_start(short_swing):
+    ((found, _),) = find_bound(settings(short_swing, generations=1, features=("base_error", "log_amplitude")))
+    (matrix,), (bias,) = found.network.matrices, found.network.biases
+    assert np.flatnonzero(matrix.any(axis=0)).tolist() == [4, 17] and bias.any()
+    ((further, _),) = find_bound(settings(short_swing, generations=1, features=()), found)
+    np.testing.assert_array_equal(further.network.matrices[0], matrix)
+    assert (further.network.biases[0] != bias).all()
+
+
 def test_a_law_that_pushes_is_searched_likewise(short_swing):
     ((schedule, cost),) = find_bound(settings(short_swing, law="lqr-ff", generations=1))
     assert schedule.action_names == ("left_feedback", "left_reaction", "right_feedback", "right_reaction")
@@ -117,6 +126,7 @@ def test_command_leaves_the_best_so_far(short_swing, tmp_path):
         (["nominal", "--out", "bound.zip"], "ends in .npz"),
         (["nominal", "--rho", "0.5"], "rho = 0.5"),
         (["nominal", "--base-tolerance", "0"], "base_tolerance = 0.0"),
+        (["nominal", "--feature", "base_eror"], "did you mean 'base_error'"),
     ],
 )
 def test_what_cannot_be_searched_is_named(arguments, message, tmp_path, monkeypatch):

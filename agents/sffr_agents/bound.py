@@ -10,29 +10,42 @@ Source: N. Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from sffr_agents.config import VALIDATION_SEED
 from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_baselines.learned import LearnedSchedule, Network
-from sffr_baselines.schedule import N_FEATURES
+from sffr_baselines.schedule import FEATURES, N_FEATURES
 from sffr_baselines.scheduled import Scheduling
 from sffr_gym.config.ranges import LARGEST_SEED
-from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.config.strict_yaml import ConfigError, check_error
+from sffr_gym.config.suggestion import did_you_mean
 from sffr_gym.envs.infos import Mask
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.score import FAILED, REFERENCE, WEIGHTS
 from sffr_gym.types import Array
+
+NAMES = tuple(name for name, _ in FEATURES)
+
+
+def _check_feature(name: str) -> str:
+    """Reject what is not seen of a panel."""
+    if name not in NAMES:
+        raise check_error(f"must be one of {', '.join(NAMES)}{did_you_mean(name, NAMES)}")
+    return name
 
 
 class BoundSettings(Scheduling):
     """What is searched."""
 
     scenarios: tuple[str, ...] = Field(default=("excited",), min_length=1, description="whose mean cost counts")
+    features: tuple[Annotated[str, AfterValidator(_check_feature)], ...] = Field(
+        default=NAMES, description="of a panel that may count: with few a search ends sooner and fits no single episode"
+    )
     episodes: int = Field(default=8, ge=1, le=100, description="of each scenario that draws something")
     population: int = Field(default=12, ge=4, le=100, description="candidates of a generation")
     generations: int = Field(default=60, ge=1, le=10_000, description="how many")
@@ -140,15 +153,24 @@ def find_bound(
             )
     shape = (len(batch.action_names) // batch.params.n_panels, N_FEATURES + 1)
     options = {"popsize": settings.population, "seed": settings.seed + 1, "verbose": -9}
-    strategy = cma.CMAEvolutionStrategy(_weights(start, shape).ravel(), settings.spread, options)
+    first = _weights(start, shape)
+    free = np.append(np.isin(NAMES, settings.features), True)  # the bias always
+    strategy = cma.CMAEvolutionStrategy(first[:, free].ravel(), settings.spread, options)
     for _ in range(settings.generations):
         candidates = strategy.ask()
-        weights = np.array(candidates).reshape(settings.population, *shape)
+        weights = _with_columns(first, free, np.array(candidates))
         strategy.tell(candidates, np.mean([each.costs(weights) for each in episodes], axis=0))
-        best = np.asarray(strategy.result.xbest).reshape(shape)
+        best = _with_columns(first, free, np.asarray(strategy.result.xbest))
         network = Network((best[:, :-1].copy(),), (best[:, -1].copy(),), relu=False, squash=True)
         trained = {"algo": "cma-es", "evaluations": int(strategy.result.evaluations)} | settings.model_dump(mode="json")
         yield LearnedSchedule.of(network, batch, trained), float(strategy.result.fbest)
+
+
+def _with_columns(weights: Array, free: Mask, values: Array) -> Array:
+    """Return weights (n_a, n_f + 1) with the free columns set to values (..., n_a n_free)."""
+    changed = np.tile(weights, (*values.shape[:-1], 1, 1))
+    changed[..., free] = values.reshape(*values.shape[:-1], len(weights), -1)
+    return changed
 
 
 def _weights(start: LearnedSchedule | None, shape: tuple[int, int]) -> Array:

@@ -37,6 +37,10 @@ def bound_command(
         float | None,
         option("--base-tolerance", "Error of the base at which an action counts half, in m.", "M", "always in full"),
     ] = None,
+    feature: Annotated[
+        list[str] | None,
+        option("--feature", "Only these count of what is seen of a panel; repeatable.", "NAME", "all"),
+    ] = None,
     episodes: Annotated[
         int, option("--episodes -n", f"Of each scenario that draws, from seed {VALIDATION_SEED}.", "N", parser=whole())
     ] = DEFAULTS.episodes,
@@ -63,7 +67,8 @@ def bound_command(
         check_target(out, overwrite)
         settings = check_arguments(
             BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, base_tolerance=base_tolerance,
-            episodes=episodes, generations=generations, spread=spread, seed=seed,
+            features=DEFAULTS.features if feature is None else tuple(feature), episodes=episodes,
+            generations=generations, spread=spread, seed=seed,
         )  # fmt: skip
         begin = None if start is None else load_schedule(start)
         require("tune", "cma")
