@@ -191,6 +191,9 @@ def test_spectrum_of_free_panels_peaks_at_the_first_mode():
 def test_short_episode_has_no_spectrum(recording):
     found = spectrum(Recording(**vars(recording) | {"tips": recording.tips[:50]}))
     assert found == {"f": [], "psd": [[], []]}
+    for rows, there in (300, False), (500, True):  # four periods of 20 Hz take 400 rows at a period of 0.5 ms
+        found = spectrum(Recording(**vars(recording) | {"tips": recording.tips[:rows], "period": 5.0e-4}))
+        assert bool(found["f"]) == there
 
 
 def test_use_counts_every_command_once(recording):
