@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 from sffr_agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
 from sffr_baselines import make_policy
-from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
+from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv, make_damping_envs
 from sffr_baselines.damping_loop import make_damping, see_row
 from sffr_baselines.rollout import rollout
 from sffr_baselines.schedule import BOUNDS, N_FEATURES, OTHER_DEMAND, PIEZO_DEMAND
@@ -228,6 +228,12 @@ def test_batch_equals_single_environments():
 def test_batch_and_single_environment_have_the_same_defaults():
     single, batch = (inspect.signature(kind).parameters for kind in (SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv))
     assert all(batch[name].default == parameter.default for name, parameter in single.items())
+
+
+def test_a_batch_has_one_environment_unless_it_says_otherwise():
+    assert make_damping_envs().num_envs == 1
+    with pytest.raises(TypeError):
+        make_damping_envs(1, "cpu")  # what runs them is said by name
 
 
 def test_last_step_of_an_episode_ends_with_it():
