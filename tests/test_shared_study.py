@@ -6,9 +6,11 @@ import sys
 import numpy as np
 import optuna
 import pytest
+from postgres import PASSWORD, running_server
 from small_training import PPO_SMALL
 
 from sffr_agents import tune as module
+from sffr_agents.folder import BEST
 from sffr_agents.shared_study import is_database, open_shared
 from sffr_agents.tune_config import load_tune
 from sffr_gym import ConfigError
@@ -41,8 +43,6 @@ def test_processes_search_together(search, tmp_path):
     """No trial runs twice, both see all, and the untuned settings come once."""
     url = f"sqlite:///{tmp_path}/trials.db?timeout=60"
     plan = load_tune(search)
-    with open_shared(url, module.Search.of(plan, 0), plan.space):
-        pass  # so that they do not make the tables at once
     running = [
         subprocess.Popen([sys.executable, "-c", SEARCHER, str(search), str(tmp_path / name), url])
         for name in ("one", "two")
@@ -57,6 +57,33 @@ def test_processes_search_together(search, tmp_path):
     assert sum(trial.params == untuned for trial in found) == 1
     best = [(tmp_path / name / module.BEST_CONFIG).exists() for name in ("one", "two")]
     assert best == [True, True]
+
+
+@pytest.mark.slow
+def test_commands_search_together_in_postgresql(search, tmp_path):
+    """Started at once in an empty database: each trains, no trial is lost or stands for two, both see all of them."""
+    psycopg = pytest.importorskip("psycopg")
+    with running_server() as url:
+        command = [sys.executable, "-m", "sffr_gym", "tune", str(search), "--storage", url, "--out"]
+        running = [
+            subprocess.Popen(
+                [*command, str(tmp_path / name)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+            for name in ("one", "two")
+        ]
+        told = [each.communicate(timeout=500) for each in running]
+        assert [each.returncode for each in running] == [0, 0], told
+        plan = load_tune(search)
+        with open_shared(url, module.Search.of(plan, 0), plan.space) as trials:
+            found = trials.finished()
+        with psycopg.connect(url.replace("+psycopg", "")) as connection:
+            states = connection.execute("select number, state from trials order by number").fetchall()
+    assert 8 <= len(found) <= 9 and states == [(k, "COMPLETE") for k in range(len(found))]
+    trained = [sorted((tmp_path / name / module.TRAININGS).iterdir()) for name in ("one", "two")]
+    assert all(trained) and sum(map(len, trained)) == len(found)
+    assert all((folder / BEST).is_file() for own in trained for folder in own)
+    assert all(PASSWORD not in text for texts in told for text in texts)
+    assert all(PASSWORD not in file.read_text() for file in tmp_path.rglob("*.json"))
 
 
 def test_studies_of_others_stay_as_they_are(search, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ Unlike those in a file they depend on which machine asks first: the same search 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import optuna
 from optuna.storages import RDBStorage
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DatabaseError, IntegrityError, ProgrammingError, SQLAlchemyError
 
 from sffr_agents.folder import first_difference
 from sffr_agents.study import SEARCH, Trials
@@ -21,10 +22,11 @@ from sffr_gym.config.files import short_hash
 from sffr_gym.config.strict_yaml import ConfigError
 
 PREFIX = "sffr-"  # of a study's name, the hash of its search behind
+ATTEMPTS, PAUSE = 10, 0.5  # to open a database whose tables others are making, s between them
 
 
 def is_database(storage: object) -> bool:
-    """Say whether a storage is the address of a database, such as ``postgresql://user@host/trials``, not a file."""
+    """Say whether a storage is a database's address, such as ``postgresql+psycopg://user@host/trials``, not a file."""
     return isinstance(storage, str) and "://" in storage
 
 
@@ -65,7 +67,7 @@ def open_shared(url: str, search: dict[str, Any], space: tuple[Dimension, ...]) 
     """
     try:
         shown = make_url(url).render_as_string(hide_password=True)
-        storage = RDBStorage(url)
+        storage = _storage_at(url)
     except (SQLAlchemyError, ImportError, RuntimeError, ValueError) as error:
         what = url.partition("://")[0]
         raise ConfigError(f"storage of {what}: cannot be used: {_first_line(error, url)}") from None
@@ -84,6 +86,19 @@ def open_shared(url: str, search: dict[str, Any], space: tuple[Dimension, ...]) 
     finally:
         storage.remove_session()
         storage.engine.dispose()
+
+
+def _storage_at(url: str) -> RDBStorage:
+    """Return the storage; machines that begin together make its tables at once, and all but one of them try again."""
+    for left in reversed(range(ATTEMPTS)):
+        try:
+            return RDBStorage(url)
+        except DatabaseError as error:
+            at_once = isinstance(error, IntegrityError | ProgrammingError) or "already exists" in str(error)
+            if not (at_once and left):
+                raise
+            time.sleep(PAUSE)
+    raise AssertionError
 
 
 def _first_line(error: BaseException, url: str) -> str:

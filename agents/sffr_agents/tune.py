@@ -69,8 +69,8 @@ def tune(
         plan: what to search.
         out: folder of the trainings, of ``trials.csv`` and of ``best.yaml``, the configuration of the best trial.
         storage: file of the trials: an SQLite database if its suffix says so, else a journal; None for one in ``out``;
-            or the address of a database, such as ``postgresql://user@host/trials``, at which several machines may
-            search together, each with a folder of its own.
+            or the address of a database, such as ``postgresql+psycopg://user@host/trials``, at which several
+            machines may search together, each with a folder of its own.
         seed: of the search itself.
         progress: called with what runs, the trainings done and all of them.
         tell: called with a line for each checkpoint of a training that is damaged.
