@@ -10,10 +10,11 @@ import pytest
 import torch
 from small_training import PPO_SMALL, small
 from stable_baselines3 import PPO
+from torch import nn
 
 from sffr_agents.algorithms import make_model
 from sffr_agents.config import CONFIGS, load_config
-from sffr_agents.export import export_run, export_zip, network_of
+from sffr_agents.export import export_run, export_zip, network_of, network_of_layers
 from sffr_agents.folder import BEST, LAST, PROGRESS
 from sffr_agents.train import train
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
@@ -248,3 +249,14 @@ def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
     assert own.measures["vibration"] < 0.45 * ahsc.measures["vibration"]
     assert own.measures["track_rmse"] < 1.10 * ahsc.measures["track_rmse"]
     assert costs(evaluation.results)[name] < 0.70
+
+
+@pytest.mark.parametrize(
+    "units", [(nn.Tanh, nn.ReLU, nn.Tanh), (nn.Tanh, nn.Tanh, nn.ReLU), (nn.Identity, nn.Tanh, nn.Tanh)]
+)
+def test_layers_of_other_kinds_cannot_be_exported(units):
+    """Hidden ones are all tanh or all rectified, and the output goes through tanh or nothing."""
+    layers = [layer for unit in units for layer in (nn.Linear(2, 2), unit())]
+    with pytest.raises(ValueError, match="cannot be exported"):
+        network_of_layers(layers)
+    assert network_of_layers([nn.Linear(2, 2), nn.ReLU(), nn.Linear(2, 2), nn.ReLU(), nn.Linear(2, 1)]).relu

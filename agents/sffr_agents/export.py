@@ -48,15 +48,19 @@ def network_of(model: Any) -> Network:
         raise ValueError(f"a policy with a {type(extractor).__name__} cannot be exported")
     if hasattr(policy, "mlp_extractor"):
         head = policy.action_net if isinstance(policy.action_net, nn.Sequential) else [policy.action_net]
-        return _layers([*policy.mlp_extractor.policy_net, *head])
+        return network_of_layers([*policy.mlp_extractor.policy_net, *head])
     actor = policy.actor
     if isinstance(actor.mu, nn.Sequential):  # TD3
-        return _layers(actor.mu)
-    return _layers([*actor.latent_pi, actor.mu, nn.Tanh()])
+        return network_of_layers(actor.mu)
+    return network_of_layers([*actor.latent_pi, actor.mu, nn.Tanh()])
 
 
-def _layers(modules: Iterable[nn.Module]) -> Network:
-    """Return linear layers with the normalisations between them folded in, and what kind of units they have."""
+def network_of_layers(modules: Iterable[nn.Module]) -> Network:
+    """Return linear layers with the normalisations between them folded in, and what kind of units they have.
+
+    Raises:
+        ValueError: for layers of other kinds, hidden units that differ, or an output through more than tanh.
+    """
     matrices: list[Array] = []
     biases: list[Array] = []
     kinds: list[str] = []
