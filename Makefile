@@ -1,11 +1,14 @@
 # Everything that a checkout needs, from nothing but Python (3.11 or later) and make. `make help` lists the targets.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
+# Some containers set it, and every process would compile again what it imports.
+unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help run verify results train test proofs coverage mutants hostile valgrind bench format lint types contracts check docs clients wheel clean
 
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq -c constraints-dev.txt
+PIP_ARGS ?=
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq $(PIP_ARGS) -c constraints-dev.txt
 INSTALL := $(PIP) --no-build-isolation --editable
 # What the package needs is installed, with extras, while its kernels are compiled: with the versions that are tested.
 NEEDS := $(BIN)/python .ci/needs.py

@@ -30,9 +30,12 @@ def put(tree, key, value):
     return copy
 
 
+AS_READ = json.dumps(yaml.safe_load(SHIPPED.read_text()))
+
+
 def shipped_tree():
-    """Return the shipped file as PyYAML's own loader reads it."""
-    return yaml.safe_load(SHIPPED.read_text())
+    """Return the shipped file as PyYAML's own loader reads it, a copy for each who asks."""
+    return json.loads(AS_READ)
 
 
 LEAVES = flatten(shipped_tree())
