@@ -7,6 +7,7 @@ for machines whose elementary functions have other last bits.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import math
@@ -19,9 +20,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sffr_baselines import POLICIES, make_policy
+from sffr_baselines import POLICIES, Policy, make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv
 from sffr_baselines.rollout import rollout
+from sffr_gym import Params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.scenario import scenario_names
@@ -86,10 +88,16 @@ def closed_loop(env: SFFRFlexEnv, policy: str, seed: int) -> Case:
     env.reset(options={"scenario": short})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of laws that are unstable with a variant
-        trajectory = rollout(env, make_policy(policy, env.params), seed)
+        trajectory = rollout(env, policy_of(policy, env.params), seed)
     kept = ("signals", "tips", "t", "p", "v", "obs", "applied", "B_hat", "q_flex", "lam", "failure")
     case = {name: getattr(trajectory, name) for name in kept}
     return case | {f"drawn_{name}": value for name, value in trajectory.drawn.items()}
+
+
+@functools.cache
+def policy_of(name: str, params: Params) -> Policy:
+    """A policy for all the scenarios of a robot, which each rollout resets."""
+    return make_policy(name, params)
 
 
 def single(env: gym.Env[Any, Any], steps: int, size: float) -> Case:

@@ -106,8 +106,10 @@ def test_vector_environment_gives_the_trajectories_of_the_compiled_loop(short, n
     for _ in range(250):
         obs, *_, infos = env.step(policy(obs))
         signals.append(np.column_stack([infos[signal] for signal in SIGNALS]))
+    single = SFFRFlexEnv(file)
+    alone = make_policy(name, single)
     for i in range(3):
-        np.testing.assert_array_equal(np.array(signals)[:, i], run(name, file, seed=20 + i)[0].signals)
+        np.testing.assert_array_equal(np.array(signals)[:, i], rollout(single, alone, 20 + i).signals)
 
 
 def test_rollout_through_the_interface_records_the_same(short):

@@ -45,14 +45,28 @@ def test_tables_and_notes_are_written_in_every_encoding(name):
     assert note.strip() == notes.get(encoding, "5 x -> ...")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["evaluate", "--help"], ["nonsense"], ["report", "not\udcff there"]])
-def test_help_and_errors_are_written_in_ascii(arguments, tmp_path):
+COMMANDS = """
+import sys
+from sffr_workbench.cli.main import main
+for arguments in ["--help"], ["evaluate", "--help"], ["nonsense"], ["report", "not\\udcff there"]:
+    sys.argv[1:] = arguments
+    try:
+        main()
+    except SystemExit as end:
+        print(*map(ascii, arguments), "ends with", end.code or 0, flush=True)
+"""
+
+
+def test_help_and_errors_are_written_in_ascii(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "sffr_workbench.cli.main", *map(os.fsencode, arguments)],
-        env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, cwd=tmp_path,
+        [sys.executable, "-c", COMMANDS], env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True,
+        cwd=tmp_path,
     )  # fmt: skip
-    assert done.returncode == (0 if "--help" in arguments else 2)
-    assert (done.stdout + done.stderr).isascii() and b"Traceback" not in done.stderr
+    assert done.returncode == 0 and b"Traceback" not in done.stderr
+    assert (done.stdout + done.stderr).isascii()
+    ends = [line for line in done.stdout.decode().splitlines() if " ends with " in line]
+    assert [end.rpartition(" ")[2] for end in ends] == ["0", "0", "2", "2"]
+    assert b"nonsense" in done.stderr and b"there" in done.stderr
 
 
 @pytest.mark.parametrize("errors", ["replace", "ignore", "xmlcharrefreplace"])

@@ -22,10 +22,15 @@ for name in ("sffr_gym:SFFRFlex-v0", "sffr_gym:SFFRFlexDamping-v0"):
     print(gym.make(name).reset(seed=0)[0].shape)
 """
 COMMAND_LINE = """
-import importlib.metadata
+import importlib.metadata, sys
 
 (command,) = importlib.metadata.entry_points(group="console_scripts", name="sffr")
-command.load()()
+for arguments in ["--version"], ["evaluate", "--help"]:
+    sys.argv[1:] = arguments
+    try:
+        command.load()()
+    except SystemExit as end:
+        print(*arguments, "ends with", end.code or 0)
 """
 OWN_MODULES = f"""
 import importlib
@@ -52,9 +57,9 @@ def project(tmp_path, request):
 def test_packages_of_common_names_do_no_harm(project):
     made = run("script.py", cwd=project)
     assert (made.stdout.split("\n")[:2], made.stderr) == (["(52,)", "(36,)"], "")
-    for arguments, words in ([["--version"], "sffr-gym "], [["evaluate", "--help"], "POLICY"]):
-        shown = run("-c", COMMAND_LINE, *arguments, cwd=project)
-        assert shown.returncode == 0, shown.stderr
+    shown = run("-c", COMMAND_LINE, cwd=project)
+    assert shown.returncode == 0, shown.stderr
+    for words in ("sffr-gym ", "--version ends with 0", "POLICY", "evaluate --help ends with 0"):
         assert words in shown.stdout
 
 
