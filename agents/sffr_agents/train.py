@@ -39,6 +39,7 @@ from sffr_agents.folder import (
     begin_run,
     check_seed,
     finish_run,
+    holds_run,
     read_facts,
     read_run,
     writing,
@@ -100,6 +101,21 @@ def resume(out: Path, progress: TrainingProgress | None = None, tell: Tell = war
         training = _Training(config, seed, run, progress)
         training.restore(tell)
         return training.run()
+
+
+def train_or_resume(
+    config: TrainConfig, seed: int, out: Path, progress: TrainingProgress | None = None, tell: Tell = warnings.warn
+) -> dict[str, float]:
+    """Train in a folder, or resume what was killed there; see :func:`train` and :func:`resume`.
+
+    Raises:
+        ConfigError: also if the folder holds another training.
+    """
+    if not holds_run(out):
+        return train(config, seed, out, progress)
+    if read_run(out) != (config, seed):
+        raise ConfigError(f"{out}: holds another training than its name says; move it away first")
+    return resume(out, progress, tell)
 
 
 class _Training(BaseCallback):

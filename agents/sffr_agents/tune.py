@@ -18,10 +18,10 @@ from optuna.trial import FrozenTrial
 from pydantic import Field
 
 from sffr_agents.config import TrainConfig
-from sffr_agents.folder import BEST, Tell, first_difference, holds_run, read_run, writing
+from sffr_agents.folder import BEST, Tell, first_difference, writing
 from sffr_agents.shared_study import is_database, open_shared
 from sffr_agents.study import Trials, locked, open_trials
-from sffr_agents.train import TrainingProgress, resume, train
+from sffr_agents.train import TrainingProgress, train_or_resume
 from sffr_agents.tune_config import TuneConfig, Value
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
@@ -147,12 +147,7 @@ class _Report(NamedTuple):
 def _train_and_score(config: TrainConfig, seed: int, out: Path, report: _Report) -> Array:
     """Return the costs (episodes, scenarios) of the best policy of one training, which resumes where it was killed."""
     folder = out / TRAININGS / f"{config.hash()}-{seed}"
-    if holds_run(folder):
-        if read_run(folder) != (config, seed):
-            raise ConfigError(f"{folder}: holds another training than its name says; move it away first")
-        resume(folder, report.progress, report.tell)
-    else:
-        train(config, seed, folder, report.progress)
+    train_or_resume(config, seed, folder, report.progress, report.tell)
     return Validator(config.validation, config.environment.robot()).episode_costs(load_schedule(folder / BEST))
 
 

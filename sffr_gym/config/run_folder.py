@@ -34,6 +34,7 @@ KINDS = {  # of runs, and what leaves them
     "evaluation": "sffr evaluate", "benchmark": "sffr benchmark", "training": "sffr train", "search": "sffr tune",
     "verification": "sffr verify", "reproduction": "sffr reproduce", "speed": "sffr bench",
     "pages": "sffr benchmark --docs", "sweep": "sffr sweep", "export": "sffr export-run",
+    "trainings": "sffr sweep-train",
 }  # fmt: skip
 MOST_CARD = 10_000_000  # bytes
 MOST_FILES = 10_000  # whose remains are looked for whenever a run begins; files of one kind have a folder on the list

@@ -97,8 +97,7 @@ class SweepPlan:
         return tuple(self._points())
 
     def _points(self) -> Iterator[Point]:
-        for values in itertools.product(*(axis.values for axis in self.axes)):
-            words = self.words(values)
+        for values, words in combinations(self.axes):
             try:
                 params = self.params.with_overrides(*words)
                 load_scenario(self.scenario).robot_of(params, words)
@@ -108,7 +107,7 @@ class SweepPlan:
 
     def words(self, values: Sequence[str]) -> list[str]:
         """Return a combination as assignments."""
-        return [f"{axis.key}={value}" for axis, value in zip(self.axes, values, strict=True)]
+        return _words(self.axes, values)
 
     def identity(self) -> dict[str, Any]:
         """Return what episodes must agree in to be gone on with; more points and policies are welcome."""
@@ -118,6 +117,16 @@ class SweepPlan:
             "points": {" ".join(self.words(point.values)): point.plan.suite for point in self.points},
             "policies": held,
         }  # fmt: skip
+
+
+def combinations(axes: Sequence[Axis]) -> Iterator[tuple[tuple[str, ...], list[str]]]:
+    """Yield each combination of values, the last axis changing fastest, and the same as assignments."""
+    for values in itertools.product(*(axis.values for axis in axes)):
+        yield values, _words(axes, values)
+
+
+def _words(axes: Sequence[Axis], values: Sequence[str]) -> list[str]:
+    return [f"{axis.key}={value}" for axis, value in zip(axes, values, strict=True)]
 
 
 def run_sweep(

@@ -21,6 +21,7 @@ from sffr_workbench.cli import (
     reproduce,
     speed,
     sweep,
+    trainings,
     verify,
 )
 from sffr_workbench.cli.encoding import spell_out
@@ -61,6 +62,7 @@ for module in (
     speed,
     benchmark,
     sweep,
+    trainings,
     learning,
     bound,
     dataset,
