@@ -290,6 +290,7 @@ def test_vec_env_gives_last_observations_and_says_why_episodes_end(per_panel):
     twin = SFFRFlexDampingVectorEnv(3, duration=0.3, autoreset_mode=AutoresetMode.DISABLED)
     env.seed(4)
     twin.reset(seed=4)
+    assert env.num_envs == 3 * (2 if per_panel else 1)
     assert env.reset().shape == (env.num_envs, *env.observation_space.shape)
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3, 4))
     for k, action in enumerate(actions):

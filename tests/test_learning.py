@@ -21,7 +21,7 @@ from sffr_agents.checkpoint import Notes, load_checkpoint, save_checkpoint
 from sffr_agents.config import CONFIGS, load_config
 from sffr_agents.export import network_of
 from sffr_agents.folder import BEST, CHECKPOINTS, LAST, PROGRESS, SECONDS
-from sffr_agents.log import CsvLog
+from sffr_agents.log import Board, CsvLog
 from sffr_agents.progress import read_progress
 from sffr_agents.train import resume, train
 from sffr_agents.validation import hash_of_suite
@@ -240,6 +240,30 @@ def test_table_goes_on_after_a_kill_in_the_middle_of_a_row(tmp_path):
     table.write({"loss": 1.0, "score": 2.0}, {}, 24)
     table.write({"loss": 3.0, "score": 4.0}, {}, 32)
     assert file.read_text().splitlines() == ["steps,loss,score", "8,4.0,", "16,8.0,", "24,1.0,2.0", "32,3.0,4.0"]
+    table.write({"loss": 5.0, "rate": 6.0}, {}, 40)  # another column after rows were added
+    assert file.read_text().splitlines()[0] == "steps,loss,score,rate"
+    assert file.read_text().splitlines()[-2:] == ["32,3.0,4.0,", "40,5.0,,6.0"]
+
+
+def test_table_of_a_training_that_was_killed_after_its_first_step_goes_on(tmp_path):
+    file = tmp_path / PROGRESS
+    CsvLog(file).write({"loss": 1.0}, {}, 1)
+    table = CsvLog(file, steps=1)
+    table.write({"loss": 2.0}, {}, 2)
+    assert file.read_text().splitlines() == ["steps,loss", "1,1.0", "2,2.0"]
+
+
+def test_table_of_tensorboard_is_written_and_forgets_what_came_later(tmp_path):
+    pytest.importorskip("tensorboard")
+    for steps, values in (0, {8: 1.0, 16: 2.0, 24: 3.0}), (16, {24: 4.0}):
+        board = Board(tmp_path, steps)
+        for step, value in values.items():
+            board.write({"loss": value}, {"loss": ()}, step)
+        board.close()
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    accumulator = EventAccumulator(str(tmp_path)).Reload()
+    assert [(event.step, event.value) for event in accumulator.Scalars("loss")] == [(8, 1.0), (16, 2.0), (24, 4.0)]
 
 
 def test_checkpoint_is_whole_or_not_there(tmp_path, monkeypatch):

@@ -65,7 +65,9 @@ class Board(TensorBoardOutputFormat):
     def __init__(self, folder: Path, steps: int) -> None:
         from torch.utils.tensorboard import SummaryWriter  # may not be installed
 
-        self.writer = SummaryWriter(log_dir=str(folder), purge_step=steps or None)
+        self.writer = SummaryWriter(
+            log_dir=str(folder), purge_step=steps + 1 if steps else None
+        )  # it and what came later goes
         self._is_closed = False
 
 
