@@ -26,9 +26,9 @@ space:
 """
 
 
-@pytest.fixture
-def plan(tmp_path):
-    file = tmp_path / "search.yaml"
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    file = tmp_path_factory.mktemp("plan") / "search.yaml"
     file.write_text(f"train: ppo\nset: {PPO_SMALL}\nseeds: 2\ntrials: 2\n{SPACE}")
     return load_tune(file)
 
@@ -38,24 +38,30 @@ def rows(folder):
         return list(csv.DictReader(text))
 
 
+@pytest.fixture(scope="module")
+def whole(plan, tmp_path_factory):
+    """The rows of a search that nothing interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    tune(plan, folder)
+    return rows(folder)
+
+
 @pytest.mark.parametrize("storage", [None, "study.db"])
-def test_killed_search_resumes_with_the_same_costs(plan, tmp_path, storage):
-    where = {name: None if storage is None else tmp_path / f"{name}-{storage}" for name in ("whole", "killed")}
-    tune(plan, tmp_path / "whole", where["whole"])
+def test_killed_search_resumes_with_the_same_costs(plan, whole, tmp_path, storage):
+    storage = storage and tmp_path / storage
 
     def kill(what, done, total):
         if re.match(r"trial 2 .* seed 1", what):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tune(plan, tmp_path / "killed", where["killed"], progress=kill)
+        tune(plan, tmp_path / "killed", storage, progress=kill)
     assert len(rows(tmp_path / "killed")) == 1
-    best = tune(plan, tmp_path / "killed", where["killed"])
+    best = tune(plan, tmp_path / "killed", storage)
     found = rows(tmp_path / "killed")
     assert len(found) == 2 and float(found[0]["cost"]) == best.values[0] <= float(found[1]["cost"])
-    assert rows(tmp_path / "whole")[0].keys() == found[0].keys()
-    costs = [{row["cost"] for row in rows(tmp_path / name)} for name in ("whole", "killed")]
-    assert costs[0] == costs[1]
+    assert whole[0].keys() == found[0].keys()
+    assert {row["cost"] for row in whole} == {row["cost"] for row in found}
 
 
 def test_trial_counts_by_the_episodes_of_all_seeds(plan, tmp_path):

@@ -13,6 +13,7 @@ Bending modes grow sooner but slowly, at ``a Omega^2 h / 4``: with steps of 0.29
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -44,11 +45,7 @@ def longest_stable_step(params: Params, beams: Sequence[Beam], modes: Sequence[M
         )
     omega2 = np.array([each.omega**2 for each in modes])[: params.n_panels].ravel()
     C, eta = base_answer(params, beams, modes), params.panel.strain_rate_damping
-    stable = 0.0
-    for step in params.simulation.max_step * TRIED_STEPS:
-        if growth_rate(omega2, eta, C, step) > FASTEST_GROWTH:
-            break
-        stable = step
+    stable, step = _tried(omega2.tobytes(), eta, C.tobytes(), params.simulation.max_step)
     if stable == 0.0:
         raise ConfigError(
             "simulation.coupling = staggered: the panels' late reaction is unstable with any step down to "
@@ -56,6 +53,18 @@ def longest_stable_step(params: Params, beams: Sequence[Beam], modes: Sequence[M
             f"axial modes ({modes[0].omega[0]:.4g} rad/s)"
         )
     return stable
+
+
+@functools.lru_cache(maxsize=64)
+def _tried(omega2: bytes, eta: float, C: bytes, longest: float) -> tuple[float, float]:
+    """Return the longest stable step, 0 if there is none, and the last one that was tried; a robot is packed often."""
+    squares = np.frombuffer(omega2)
+    answer, stable = np.frombuffer(C).reshape(len(squares), len(squares)), 0.0
+    for step in longest * TRIED_STEPS:
+        if growth_rate(squares, eta, answer, step) > FASTEST_GROWTH:
+            break
+        stable = step
+    return stable, step
 
 
 def base_answer(params: Params, beams: Sequence[Beam], modes: Sequence[Modes]) -> Array:
