@@ -65,9 +65,8 @@ class Board(TensorBoardOutputFormat):
     def __init__(self, folder: Path, steps: int) -> None:
         from torch.utils.tensorboard import SummaryWriter  # may not be installed
 
-        self.writer = SummaryWriter(
-            log_dir=str(folder), purge_step=steps + 1 if steps else None
-        )  # it and what came later goes
+        first = steps + 1 if steps else None  # of those that go
+        self.writer = SummaryWriter(log_dir=str(folder), purge_step=first)
         self._is_closed = False
 
 
