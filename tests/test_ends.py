@@ -82,6 +82,9 @@ LENGTHS = [
     ("scenario", "robot", "path.speed=1.0", 32), ("scenario", "plant.settings", "panel.EI=30.0", 32),
     ("ppo", "network.hidden", 8, 16),
 ]  # fmt: skip
+NOT_EMPTY = [
+    ("ppo", "network.hidden"), ("ppo", "validation.scenarios"), ("search", "space"), ("scenario", "name"),
+]  # fmt: skip
 DEFAULTS = {
     "scenario": {
         "duration": None, "panel_modes": (), "offset_position": 0.0, "offset_angle": 0.0, "speed": None,
@@ -153,6 +156,11 @@ def test_intervals_end_where_they_are_said_to(key):
 def test_lists_end_where_they_are_said_to(kind, key, entry, most):
     assert len(read(kind, put(FILES[kind][1], key, [entry] * most), key)) == most
     assert refused(kind, key, [entry] * (most + 1))
+
+
+@pytest.mark.parametrize(("kind", "key"), NOT_EMPTY)
+def test_what_must_hold_something_is_not_empty(kind, key):
+    assert refused(kind, key, "" if key == "name" else [])
 
 
 @pytest.mark.parametrize("kind", DEFAULTS)

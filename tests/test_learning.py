@@ -135,6 +135,23 @@ def test_best_policy_is_the_one_that_cost_least(tmp_path, monkeypatch):
     assert not np.array_equal(best.network.flat(), last.network.flat())
 
 
+def test_checkpoints_are_written_as_often_as_they_should_be(tmp_path):
+    """Once at least so many steps were done since the last one, and at the end; each tells the time so far."""
+    begun = time.perf_counter()
+    train(small("ppo", "steps=192", "checkpoints.every=64", "checkpoints.keep=9", "n_envs=1"), 0, tmp_path)
+    took = time.perf_counter() - begun
+    states = [json.loads((each / "state.json").read_text()) for each in sorted((tmp_path / CHECKPOINTS).iterdir())]
+    notes = [state["notes"]["items"] for state in states]
+    assert [each["saved"] for each in notes] == [64, 128, 192]
+    assert 0.0 < notes[0]["elapsed"] < notes[1]["elapsed"] < notes[2]["elapsed"] < took
+
+
+def test_exploration_is_drawn_for_each_action():
+    model, env = make_model(small("td3"), seed=0)
+    noise = model.action_noise()
+    assert noise.shape[-1] == env.action_space.shape[0] == len(np.unique(noise[..., :2]))
+
+
 @pytest.mark.parametrize(
     ("seed", "message"), [(-1, "must be at least 0"), (900_000, "evaluation alone"), (1_000_000, "evaluation alone")]
 )
@@ -300,12 +317,6 @@ def test_an_actor_can_be_linear_beside_deep_critics(algo):
     assert sum(isinstance(each, torch.nn.Linear) for each in critic.modules()) % 2 == 0
     obs = np.random.default_rng(0).uniform(-1.0, 1.0, (5, N_FEATURES)).astype(np.float32)
     np.testing.assert_allclose(network(obs), model.predict(obs, deterministic=True)[0], atol=1e-5)
-
-
-@pytest.mark.parametrize("key", ["network.hidden", "validation.scenarios"])
-def test_critics_have_hidden_layers_and_validations_scenarios(key):
-    with pytest.raises(ConfigError, match=rf"{key} = \[\]: must have at least 1 entry"):
-        small("ppo", f"{key}=[]")
 
 
 @pytest.mark.parametrize("learned", [True, False])

@@ -10,10 +10,11 @@ from small_training import PPO_SMALL
 from sffr_agents import tune as module
 from sffr_agents.config import load_config
 from sffr_agents.folder import BEST
-from sffr_agents.tune_config import load_tune
+from sffr_agents.tune_config import Dimension, TuneConfig, load_tune
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.strict_yaml import build
 from sffr_gym.task.statistics import interquartile_mean
 
 tune = pytest.importorskip("optuna") and module.tune
@@ -78,6 +79,21 @@ def test_trial_counts_by_the_episodes_of_all_seeds(plan, tmp_path):
 def test_first_trial_has_the_settings_as_they_are(plan, tmp_path):
     best = tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
     assert best.params == {"learning.gamma": 0.98, "learning.n_epochs": 2, "network.hidden": "[8, 8]"}
+
+
+def test_settings_as_they_are_are_tried_where_the_search_may_take_them(plan):
+    """Lists by their text, and everything else by its value; not what lies outside."""
+    space = [
+        {"key": "learning.gamma", "low": 0.985, "high": 0.99}, {"key": "learning.n_epochs", "choices": [1, 2]},
+        {"key": "network.hidden", "choices": ["[4]"]}, {"key": "network.per_panel", "choices": [True, False]},
+    ]  # fmt: skip
+    other = build(TuneConfig, plan.model_dump() | {"space": space}, lambda key: "file")
+    assert module._untuned_values(other) == {"learning.n_epochs": 2, "network.per_panel": True}
+
+
+def test_an_interval_is_of_whole_numbers_if_both_of_its_ends_are():
+    ends = [(1, 3), (1, 3.0), (1.0, 3), (1.0, 3.0)]
+    assert [Dimension(key="x", low=low, high=high).whole for low, high in ends] == [True, False, False, False]
 
 
 def test_folder_of_another_search_is_rejected(plan, tmp_path):
