@@ -127,6 +127,7 @@ class OwnPolicy:
         env = SFFRFlexEnv(params=prior)
         law.fields = env.fields
         self._actuators = [each.name for each in command_labels(prior, law.simulator.model, law.simulator.actuators)]
+        self._n_u = len(self._actuators)
         self._guarded("design", lambda: law.design(prior, law.simulator))
         obs, _ = env.reset(seed=0)
         self.call_time = self._try(obs)
@@ -156,36 +157,37 @@ class OwnPolicy:
         """
         rows = obs[None] if obs.ndim == 1 else obs
         if self._law.batch:
-            actions = self._action(self._laws[0], rows)
+            actions = self._action(self._laws[0], rows).astype(np.float64, copy=False)
         elif len(rows) == len(self._laws):
-            actions = np.empty((len(rows), len(self._actuators)))
+            actions = np.empty((len(rows), self._n_u))
             for k, law in enumerate(self._laws):
                 actions[k] = self._action(law, rows[k])
         else:
             raise ValueError(f"observations of {len(self._laws)} episodes expected, got {len(rows)}; call begin")
+        if isnan(np.vdot(actions, actions)):  # the fastest way to look for one
+            names = [self._actuators[k] for k in np.flatnonzero(np.isnan(actions).any(axis=0))]
+            raise ConfigError(f"{self._place()} returned NaN for {', '.join(names[:4])}")
         return actions[0] if obs.ndim == 1 else actions
 
     def _action(self, law: ControlLaw, obs: Array) -> Array:
-        """Return a law's action, checked."""
+        """Return a law's action, checked for all but NaN."""
         try:
             returned = law(obs)
         except FAULTS as error:
             raise self._located("__call__", error) from error
-        wrong = f"{self._place()} returned {returned!r:.60}, which is no array of real numbers"
         try:
-            array = np.asarray(returned)
+            action = np.asarray(returned)
         except Exception as error:  # of lists of different lengths, of a tensor that wants gradients
-            raise ConfigError(f"{wrong}: {error}") from None
-        if array.dtype.kind not in REAL or isinstance(returned, np.ma.MaskedArray):
-            raise ConfigError(wrong)
-        action = array.astype(np.float64, copy=False)
-        shape = (*obs.shape[:-1], len(law.limit))
+            raise ConfigError(f"{self._no_numbers(returned)}: {error}") from None
+        if action.dtype.kind not in REAL or isinstance(returned, np.ma.MaskedArray):
+            raise ConfigError(self._no_numbers(returned))
+        shape = (*obs.shape[:-1], self._n_u)
         if action.shape != shape:
             raise ConfigError(f"{self._place()} returned an action of shape {action.shape}; it must be {shape}")
-        if isnan(np.vdot(action, action)):  # the fastest way to look for one
-            names = [self._actuators[k] for k in np.flatnonzero(np.isnan(action.reshape(-1, shape[-1])).any(axis=0))]
-            raise ConfigError(f"{self._place()} returned NaN for {', '.join(names[:4])}")
         return action
+
+    def _no_numbers(self, returned: Any) -> str:
+        return f"{self._place()} returned {returned!r:.60}, which is no array of real numbers"
 
     def _try(self, obs: Array) -> float:
         """Call the law a few times at the start of an episode, and return how long a call takes [s]."""

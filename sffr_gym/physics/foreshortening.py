@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
+from sffr_gym.compile.linalg import symmetric_inverse, times
 from sffr_gym.config.sections import Panel
-from sffr_gym.physics.beam import N_TIP, Modes, shape_functions
+from sffr_gym.physics.beam import N_TIP, Beam, Modes, shape_functions
 from sffr_gym.types import Array
 
 if TYPE_CHECKING:
@@ -37,17 +37,19 @@ POINTS = 4  # of mass along a panel, and of its strain, by Gauss
 class Foreshortening(NamedTuple):
     """Points of each panel and its shapes there, of the slowest modes; of no length for linear panels.
 
-    There is room for ``SLOWEST`` modes, zeros where a panel has fewer: compilers unroll loops of a known length.
+    There is room for ``SLOWEST`` modes, zeros where a panel has fewer. What belongs to a point of mass is weighted by
+    the root of it, and a curvature by the root of the stiffness that it stands for: products of two are sums' terms.
     """
 
-    mass: Array  #: (n_p, n_q) of each point [kg]
-    x: Array  #: (n_p, n_q) its distance from the root [m]
+    x: Array  #: (n_p, n_q) distance of each point from the root [kg^(1/2) m]
     W: Array  #: (n_p, n_q, n_b) transverse displacement of each mode there
     G: Array  #: (n_p, n_q, n_b, n_b) integral of W' W'^T up to it
-    tip: Array  #: (n_p, n_b, n_b) the same of the tip
-    stiffness: Array  #: (n_p, n_q) EI times the length that a point stands for [N m3]
-    slope: Array  #: (n_p, n_q, n_b) W' and W'' there
-    bend: Array  #: (n_p, n_q, n_b)
+    total: Array  #: (n_p, n_b, n_b) mass times that integral, summed over the points
+    tip: Array  #: (n_p, n_b, n_b) that integral up to the tip, not weighted
+    slope: Array  #: (n_p, n_q, n_b) W' there
+    bend: Array  #: (n_p, n_q, n_b) W''
+    translation: Array  #: (n_p, n_b) those of :class:`sffr_gym.physics.model.Model`, of the slowest modes
+    rotation: Array  #: (n_p, n_b)
 
 
 class Bent(NamedTuple):
@@ -55,44 +57,33 @@ class Bent(NamedTuple):
 
     b: Array  #: (n_b,) amplitudes and rates of the slowest modes
     bd: Array  #: (n_b,)
-    f: Array  #: (n_b,) their forces beside those of a linear panel
-    mass: Array  #: (n_b, n_b) mass matrix in its lower triangle, then its Cholesky factor
-    Gb: Array  #: (n_q, n_b) how each point moves inwards with each mode
-    s: Array  #: (n_q,) how far each has moved [m], and sideways [m]
-    y: Array  #: (n_q,)
-    inward: Array  #: (n_q,) forces of the points' acceleration along and across, less those of the root's [N]
-    across: Array  #: (n_q,)
-    along: Array  #: (n_b,) coupling with the root's acceleration along the panel
-    turn: Array  #: (n_b,) rotation coupling beside that of a linear panel
+    inverse: Array  #: (n_b, n_b) of their mass matrix
 
 
 def foreshortening_shapes(n_p, n_b):
     """Shapes of :class:`Foreshortening` for so many panels and modes of second order, of these 0 for linear ones."""
     n_q = POINTS if n_b else 0
     return Foreshortening(
-        mass=(n_p, n_q), x=(n_p, n_q), W=(n_p, n_q, n_b), G=(n_p, n_q, n_b, n_b), tip=(n_p, n_b, n_b),
-        stiffness=(n_p, n_q), slope=(n_p, n_q, n_b), bend=(n_p, n_q, n_b),
+        x=(n_p, n_q), W=(n_p, n_q, n_b), G=(n_p, n_q, n_b, n_b), total=(n_p, n_b, n_b), tip=(n_p, n_b, n_b),
+        slope=(n_p, n_q, n_b), bend=(n_p, n_q, n_b), translation=(n_p, n_b), rotation=(n_p, n_b),
     )  # fmt: skip
 
 
 def bent_shapes(model):
     """Shapes of :class:`Bent` for a robot."""
     n_b = model.foreshortening.tip.shape[1]
-    n_q = POINTS if n_b else 0
-    return Bent(
-        b=(n_b,), bd=(n_b,), f=(n_b,), mass=(n_b, n_b), Gb=(n_q, n_b), s=(n_q,), y=(n_q,), inward=(n_q,),
-        across=(n_q,), along=(n_b,), turn=(n_b,),
-    )  # fmt: skip
+    return Bent(b=(n_b,), bd=(n_b,), inverse=(n_b, n_b))
 
 
-def make_foreshortening(panels: Sequence[Panel], modes: Sequence[Modes]) -> Foreshortening:
+def make_foreshortening(panels: Sequence[Panel], beams: Sequence[Beam], modes: Sequence[Modes]) -> Foreshortening:
     """Return the points of panels.
 
     Args:
         panels: the panels.
+        beams: their integrals.
         modes: clamped modes of each, none of them axial.
     """
-    parts = [_points(panel, own) for panel, own in zip(panels, modes, strict=True)]
+    parts = [_points(*each) for each in zip(panels, beams, modes, strict=True)]
     stacked = [np.array(arrays) for arrays in zip(*parts, strict=True)]
     return Foreshortening(*stacked) if parts else no_foreshortening(0, SLOWEST)
 
@@ -102,17 +93,20 @@ def no_foreshortening(n_p: int, n_b: int = 0) -> Foreshortening:
     return Foreshortening(*(np.zeros(shape) for shape in foreshortening_shapes(n_p, n_b)))
 
 
-def _points(panel: Panel, modes: Modes) -> Foreshortening:
+def _points(panel: Panel, beam: Beam, modes: Modes) -> Foreshortening:
     """Return the points of one panel, without the first axis of :class:`Foreshortening`."""
     slow = modes.shapes[:, :SLOWEST]
-    shapes = np.pad(slow, ((N_TIP, 0), (0, SLOWEST - slow.shape[1])))
+    slow = np.pad(slow, ((0, 0), (0, SLOWEST - slow.shape[1])))
+    shapes = np.pad(slow, ((N_TIP, 0), (0, 0)))  # the root does not move
     places, weights = np.polynomial.legendre.leggauss(POINTS)
     places, weights = (places + 1.0) / 2.0, weights / 2.0
     W, slope, bend = map(np.array, zip(*(_shapes_at(shapes, place, panel) for place in places), strict=True))
+    G = np.array([_inward(shapes, place, panel) for place in places])
+    mass, stiffness = np.sqrt(weights * panel.mass), np.sqrt(weights * panel.length * panel.EI)
     return Foreshortening(
-        mass=weights * panel.mass, x=places * panel.length, W=W,
-        G=np.array([_inward(shapes, place, panel) for place in places]), tip=_inward(shapes, 1.0, panel),
-        stiffness=weights * panel.length * panel.EI, slope=slope, bend=bend,
+        x=mass * places * panel.length, W=mass[:, None] * W, G=mass[:, None, None] * G,
+        total=np.tensordot(mass**2, G, 1), tip=_inward(shapes, 1.0, panel), slope=slope, bend=stiffness[:, None] * bend,
+        translation=beam.S_y @ slow, rotation=beam.c_y @ slow,
     )  # fmt: skip
 
 
@@ -138,141 +132,109 @@ def _inward(shapes: Array, place: float, panel: Panel) -> Array:
 @kernel
 def condense_bent(model, i, p, v, tau, yaw_rate, panels):
     """Eliminate the elastic accelerations of foreshortened panel ``i``; see :func:`sffr_gym.physics.panel.condense`."""
-    bent, n_m = panels.bent, model.omega2.shape[1]
+    points, bent, n_m = model.foreshortening, panels.bent, model.omega2.shape[1]
     start = model.at.modes + i * n_m
-    b, bd, w, w2 = p[start : start + n_m], v[start : start + n_m], yaw_rate, yaw_rate * yaw_rate
+    w, w2 = yaw_rate, yaw_rate * yaw_rate
     S_y, c_y, f = model.translation[i], model.rotation[i], panels.f[i]
+    for j in range(SLOWEST):
+        bent.b[j], bent.bd[j], f[j] = 0.0, 0.0, 0.0
     first_y = first_yd = square = coriolis = 0.0
     for j in range(n_m):
-        f[j] = tau[start + j] - model.omega2[i, j] * b[j] - model.damping[i, j] * bd[j] + w2 * b[j]
-        first_y += S_y[j] * b[j]
-        first_yd += S_y[j] * bd[j]
-        square += b[j] * b[j]
-        coriolis += b[j] * bd[j]
-    n_b = min(n_m, SLOWEST)
-    for j in range(SLOWEST):
-        bent.b[j], bent.bd[j] = (b[j], bd[j]) if j < n_b else (0.0, 0.0)
-    drawn, drift, curl, turning, moment = _move_inward(model.foreshortening, i, w, bent)
-    _stiffen(model.foreshortening, i, bent)
-    _factor(bent.mass)
-    along, across, turn = panels.along[i], panels.across[i], panels.turn[i]
-    for j in range(n_m):
-        along[j], across[j], turn[j] = 0.0, S_y[j], c_y[j]
-        if j < n_b:
-            f[j] += bent.f[j]
-            along[j], turn[j] = bent.along[j], turn[j] + bent.turn[j]
-    _solve(bent.mass, n_b, f)
-    _solve(bent.mass, n_b, along)
-    _solve(bent.mass, n_b, across)
-    _solve(bent.mass, n_b, turn)
-    first_x = model.panel_first_moment[i] - drawn
-    Mxx = Myy = model.panel_mass[i]
-    Mxy, hx, hy, J = 0.0, -first_y, first_x, model.panel_second_moment[i] + turning + square
-    px = -w2 * first_x - 2.0 * w * first_yd - curl
-    py = -w2 * first_y - 2.0 * w * drift
-    moment += 2.0 * w * coriolis
-    for j in range(n_m):
-        Myy -= S_y[j] * across[j]
-        hy -= S_y[j] * turn[j]
+        b, bd = p[start + j], v[start + j]
+        f[j] = tau[start + j] - model.omega2[i, j] * b - model.damping[i, j] * bd + w2 * b
+        first_y += S_y[j] * b
+        first_yd += S_y[j] * bd
+        square += b * b
+        coriolis += b * bd
+        if j < SLOWEST:
+            bent.b[j], bent.bd[j] = b, bd
+    b, bd = _three(bent.b), _three(bent.bd)
+    force, c_slow, inertia, turning, moment = _move_inward(points, i, w, b, bd)
+    force, c_slow = _plus(_stiffen(points, i, b, force), 1.0, f), _plus(c_slow, 1.0, points.rotation[i])
+    S_slow, Pb = _three(points.translation[i]), times(points.total[i], b[0], b[1], b[2])
+    symmetric_inverse(inertia, bent.inverse)
+    force, along = _solved(bent.inverse, force, f), _solved(bent.inverse, Pb, panels.along[i])
+    across, turn = _solved(bent.inverse, S_slow, panels.across[i]), _solved(bent.inverse, c_slow, panels.turn[i])
+    first_x = model.panel_first_moment[i] - 0.5 * _dot(b, Pb)
+    px = -w2 * first_x - 2.0 * w * first_yd - _dot(bd, times(points.total[i], bd[0], bd[1], bd[2])) - _dot(Pb, force)
+    py = -w2 * first_y - 2.0 * w * _dot(bd, Pb) + _dot(S_slow, force)
+    Myy, hy = model.panel_mass[i] - _dot(S_slow, across), first_x - _dot(S_slow, turn)
+    J = model.panel_second_moment[i] + turning + square - _dot(c_slow, turn)
+    moment += 2.0 * w * coriolis + _dot(c_slow, force)
+    for j in range(SLOWEST, n_m):
+        panels.along[i, j], panels.across[i, j], panels.turn[i, j] = 0.0, S_y[j], c_y[j]
         py += S_y[j] * f[j]
-        rotation = c_y[j]
-        if j < n_b:
-            rotation += bent.turn[j]
-            Mxx -= bent.along[j] * along[j]
-            Mxy -= bent.along[j] * across[j]
-            hx -= bent.along[j] * turn[j]
-            px += bent.along[j] * f[j]
-        J -= rotation * turn[j]
-        moment += rotation * f[j]
+        Myy -= S_y[j] * S_y[j]
+        hy -= S_y[j] * c_y[j]
+        J -= c_y[j] * c_y[j]
+        moment += c_y[j] * f[j]
     root = panels.root
-    root.M_xx[i], root.M_xy[i], root.M_yy[i], root.h_x[i], root.h_y[i], root.J[i] = Mxx, Mxy, Myy, hx, hy, J
+    root.M_xx[i], root.M_xy[i], root.M_yy[i] = model.panel_mass[i] - _dot(Pb, along), _dot(Pb, across), Myy
+    root.h_x[i], root.h_y[i], root.J[i] = _dot(Pb, turn) - first_y, hy, J
     root.p_x[i], root.p_y[i], root.moment[i] = px, py, moment
 
 
 @kernel
-def _move_inward(points, i, w, bent):
+def _move_inward(points, i, w, b, bd):
     """Sum what the inward motion of the points adds to a panel's equations.
 
     points: :class:`Foreshortening`; i: index of the panel; w: yaw rate [rad/s].
-    bent: :class:`Bent` with amplitudes and rates; its forces, mass matrix and couplings are written.
+    b, bd: amplitudes and rates of the slowest modes.
 
-    Returns ``m s``, ``m sd``, ``m bd'G bd``, ``m s (s - 2 x)`` and the moment about the root.
+    Returns the modes' forces, rotation coupling and mass matrix ``(xx, xy, xz, yy, yz, zz)``, the panel's ``m s (s - 2
+    x)`` and the moment about the root.
     """
-    b, bd = bent.b, bent.bd
-    drawn = drift = curls = turning = moment = 0.0
+    turning, moment = 0.0, 0.0
+    f, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    xx, xy, xz, yy, yz, zz = 1.0, 0.0, 0.0, 1.0, 0.0, 1.0
     for q in range(POINTS):
-        mass, x, s, sd, curl, y, yd = points.mass[i, q], points.x[i, q], 0.0, 0.0, 0.0, 0.0, 0.0
-        for j in range(SLOWEST):
-            Gb = Gbd = 0.0
-            for k in range(SLOWEST):
-                Gb += points.G[i, q, j, k] * b[k]
-                Gbd += points.G[i, q, j, k] * bd[k]
-            bent.Gb[q, j] = Gb
-            s += 0.5 * b[j] * Gb
-            sd += bd[j] * Gb
-            curl += bd[j] * Gbd
-            y += points.W[i, q, j] * b[j]
-            yd += points.W[i, q, j] * bd[j]
-        bent.s[q], bent.y[q] = s, y
-        bent.inward[q], bent.across[q] = mass * (w * (w * (s - x) - 2.0 * yd) - curl), 2.0 * mass * w * sd
-        drawn += mass * s
-        drift += mass * sd
-        curls += mass * curl
-        turning += mass * s * (s - 2.0 * x)
-        moment += mass * (y * curl - 2.0 * w * (x - s) * sd)
-    for j in range(SLOWEST):
-        f = along = turn = 0.0
-        for q in range(POINTS):
-            momentum = points.mass[i, q] * bent.Gb[q, j]
-            f += bent.inward[q] * bent.Gb[q, j] + bent.across[q] * points.W[i, q, j]
-            along -= momentum
-            turn += bent.y[q] * momentum - points.mass[i, q] * bent.s[q] * points.W[i, q, j]
-        bent.f[j], bent.along[j], bent.turn[j] = f, along, turn
-        for k in range(j + 1):
-            mass = 1.0 if k == j else 0.0
-            for q in range(POINTS):
-                mass += points.mass[i, q] * bent.Gb[q, j] * bent.Gb[q, k]
-            bent.mass[j, k] = mass
-    return drawn, drift, curls, turning, moment
+        W, Gb, Gbd = points.W[i, q], times(points.G[i, q], b[0], b[1], b[2]), times(points.G[i, q], bd[0], bd[1], bd[2])
+        s, sd, curl, y, yd = 0.5 * _dot(b, Gb), _dot(bd, Gb), _dot(bd, Gbd), _dot(W, b), _dot(W, bd)
+        x, across = points.x[i, q], 2.0 * w * sd
+        inward = w * (w * (s - x) - 2.0 * yd) - curl
+        turning += s * (s - 2.0 * x)
+        moment += y * curl - across * (x - s)
+        f = _plus(_plus(f, inward, Gb), across, W)
+        turn = _plus(_plus(turn, y, Gb), -s, W)
+        xx, xy, xz = xx + Gb[0] * Gb[0], xy + Gb[0] * Gb[1], xz + Gb[0] * Gb[2]
+        yy, yz, zz = yy + Gb[1] * Gb[1], yz + Gb[1] * Gb[2], zz + Gb[2] * Gb[2]
+    return f, turn, (xx, xy, xz, yy, yz, zz), turning, moment
 
 
 @kernel
-def _stiffen(points, i, bent):
-    """Add the forces of the strain energy ``EI w''^2 w'^2 / 2``, which the exact curvature adds, to ``bent.f``."""
+def _stiffen(points, i, b, f):
+    """Add the forces of the strain energy ``EI w''^2 w'^2 / 2``, which the exact curvature adds, to ``f``."""
     for q in range(POINTS):
-        slope = bend = 0.0
-        for j in range(SLOWEST):
-            slope += points.slope[i, q, j] * bent.b[j]
-            bend += points.bend[i, q, j] * bent.b[j]
-        moment = points.stiffness[i, q] * bend * slope
-        for j in range(SLOWEST):
-            bent.f[j] -= moment * (slope * points.bend[i, q, j] + bend * points.slope[i, q, j])
+        slope, bend = _dot(points.slope[i, q], b), _dot(points.bend[i, q], b)
+        f = _plus(f, -bend * slope * slope, points.bend[i, q])
+        f = _plus(f, -bend * bend * slope, points.slope[i, q])
+    return f
 
 
 @kernel
-def _factor(A):
-    """Cholesky factor of a symmetric matrix in its lower triangle, in place; the diagonal holds its reciprocals."""
-    for j in range(SLOWEST):
-        for k in range(j):
-            A[j, j] -= A[j, k] * A[j, k]
-        A[j, j] = 1.0 / sqrt(A[j, j])
-        for i in range(j + 1, SLOWEST):
-            for k in range(j):
-                A[i, j] -= A[i, k] * A[j, k]
-            A[i, j] *= A[j, j]
+def _three(x):
+    """Return the numbers of a vector of the slowest modes: compilers keep them in registers."""
+    return x[0], x[1], x[2]
 
 
 @kernel
-def _solve(L, n, x):
-    """Solve ``L L' x = x`` for the first ``n`` numbers, in place."""
-    for j in range(n):
-        for k in range(j):
-            x[j] -= L[j, k] * x[k]
-        x[j] *= L[j, j]
-    for j in range(n - 1, -1, -1):
-        for k in range(j + 1, n):
-            x[j] -= L[k, j] * x[k]
-        x[j] *= L[j, j]
+def _dot(a, b):
+    """Return the scalar product of two such vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _plus(a, factor, b):
+    """Return ``a + factor b``."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@kernel
+def _solved(inverse, x, out):
+    """Return ``inverse @ x``, and write it into the first places of ``out``."""
+    y = times(inverse, x[0], x[1], x[2])
+    out[0], out[1], out[2] = y
+    return y
 
 
 @kernel
@@ -307,14 +269,15 @@ def panel_inertia(model: Model, i: int, b: Array) -> Array:
     points = model.foreshortening
     slow = b[: points.tip.shape[1]]
     n_b, bent = len(slow), slice(3, 3 + len(slow))
-    W_i, G_i = points.W[i, :, :n_b], points.G[i, :, :n_b, :n_b]
-    for mass, x, W, G in zip(points.mass[i], points.x[i], W_i, G_i, strict=True):
+    for x, W, G in zip(points.x[i], points.W[i, :, :n_b], points.G[i, :, :n_b, :n_b], strict=True):
         Gb, s, y = G @ slow, slow @ G @ slow / 2.0, W @ slow
-        M[1, 2] -= mass * s
-        M[2, 2] += mass * s * (s - 2.0 * x)
-        M[0, bent] -= mass * Gb
-        M[2, bent] += mass * (y * Gb - s * W)
-        M[bent, bent] += mass * np.outer(Gb, Gb)
+        M[2, 2] += s * (s - 2.0 * x)
+        M[2, bent] += y * Gb - s * W
+        M[bent, bent] += np.outer(Gb, Gb)
+    if n_b:
+        Pb = points.total[i, :n_b, :n_b] @ slow
+        M[0, bent] -= Pb
+        M[1, 2] -= slow @ Pb / 2.0
     return np.triu(M) + np.triu(M, 1).T
 
 
@@ -322,4 +285,4 @@ def strain_energy(model: Model, i: int, b: Array) -> float:
     """Return the strain energy of panel ``i`` beyond that of a linear beam [J], of its exact curvature."""
     points, slow = model.foreshortening, b[: model.foreshortening.tip.shape[1]]
     bend, slope = points.bend[i, :, : len(slow)] @ slow, points.slope[i, :, : len(slow)] @ slow
-    return float(0.5 * points.stiffness[i] @ (bend * slope) ** 2)
+    return float(0.5 * np.sum((bend * slope) ** 2))

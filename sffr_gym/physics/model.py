@@ -255,11 +255,11 @@ def pack(params: Params) -> Model:
         longest_step=longest_step,
         stiff=StiffModes(stiff_panel, stiff_mode, at.modes + stiff_panel * n_m + stiff_mode, omega[:n_p][is_stiff]),
         eta=panel.strain_rate_damping,
-        foreshortening=_foreshortening(params, modes, omega[:n_p][is_stiff]),
+        foreshortening=_foreshortening(params, beams, modes, omega[:n_p][is_stiff]),
     )
 
 
-def _foreshortening(params: Params, modes: Sequence[Modes], stiff: Array) -> Foreshortening:
+def _foreshortening(params: Params, beams: Sequence[Beam], modes: Sequence[Modes], stiff: Array) -> Foreshortening:
     """Return the integrals of foreshortened panels; raise ConfigError for modes that their integration cannot hold."""
     if not params.panel.foreshortening:
         return no_foreshortening(params.n_panels)
@@ -269,7 +269,8 @@ def _foreshortening(params: Params, modes: Sequence[Modes], stiff: Array) -> For
             f"{STIFF:g} rad in an integration step, and the one at {stiff.min():.3g} rad/s does; lower the cut, or "
             "shorten simulation.max_step"
         )
-    return make_foreshortening(params.panel.each, modes[: params.n_panels])
+    n_p = params.n_panels
+    return make_foreshortening(params.panel.each, beams[:n_p], modes[:n_p])
 
 
 def _index_map(n_links: int, n_amplitudes: int, has_object: bool) -> Index:

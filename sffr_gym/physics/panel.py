@@ -43,7 +43,7 @@ class Panels(NamedTuple):
 
     f: Array  #: (n_p, n_m) modal forces [kg^(1/2) m/s2]
     turn: Array  #: (n_p, n_m) rotation coupling of each mode [kg^(1/2) m]
-    along: Array  #: (n_p, n_m) translation coupling along and across a foreshortened panel, 1 + T divided out
+    along: Array  #: (n_p, n_m) acceleration of each mode for one of the root along a foreshortened panel, and across it
     across: Array  #: (n_p, n_m)
     bent: Bent  #: memory of a foreshortened panel
     root: Roots
@@ -52,7 +52,9 @@ class Panels(NamedTuple):
 def panel_shapes(model):
     """Shapes of the :class:`Panels` of a robot."""
     n_p, n_m = model.omega2.shape
-    n_b = n_m if model.foreshortening.tip.shape[1] else 0
+    n_slow = model.foreshortening.tip.shape[1]  # there is room for these where a panel has fewer
+    n_m = max(n_m, n_slow)
+    n_b = n_m if n_slow else 0
     roots = Roots((n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,), (n_p,))
     return Panels(
         f=(n_p, n_m), turn=(n_p, n_m), along=(n_p, n_b), across=(n_p, n_b), bent=bent_shapes(model),
@@ -135,9 +137,9 @@ def expand(model, i, ax, ay, alpha, full, panels, out):
     """
     f, turn, translation, start = panels.f[i], panels.turn[i], model.translation[i], first_mode(model, i)
     if model.foreshortening.tip.shape[1] > 0:
-        for j in range(len(f)):
+        for j in range(model.omega2.shape[1]):
             force = f[j] if full else 0.0
-            out[start + j] = force - panels.along[i, j] * ax - panels.across[i, j] * ay - turn[j] * alpha
+            out[start + j] = force + panels.along[i, j] * ax - panels.across[i, j] * ay - turn[j] * alpha
         return
     for j in range(model.omega2.shape[1]):
         root = ax if j < model.n_axial else ay

@@ -29,8 +29,8 @@ LOOP = {  # file: function: what it computes
     },
     f"{PHYSICS}/rk4.py": {"rk4_step": "RK4"},
     f"{PHYSICS}/foreshortening.py": {
-        "condense_bent": "d'Alembert", "_move_inward": "d'Alembert", "_stiffen": "curvature", "_factor": "Cholesky",
-        "_solve": "Cholesky", "tip_foreshortening": "tip", "panel_inertia": "energy",
+        "condense_bent": "d'Alembert", "_move_inward": "d'Alembert", "_stiffen": "curvature", "_dot": "vectors",
+        "_plus": "vectors", "tip_foreshortening": "tip", "panel_inertia": "energy",
     },
     f"{PHYSICS}/actuators.py": {
         "pack_actuators": "15", "generalized_forces": "14", "modulate": "PWPF", "quantise": "steps", "_follow": "lag",
