@@ -10,6 +10,7 @@ from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVector
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, SFFRFlexEnv, SFFRFlexVectorEnv, load_params
 from sffr_gym.physics.actuators import actuate, actuator_state, pack_actuators, state_size
+from sffr_gym.physics.linearization import command_labels
 from sffr_gym.physics.model import pack
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.status import Failure
@@ -50,6 +51,17 @@ def test_ideal_actuators_give_what_is_asked():
     assert held.actuators.ideal and not held.numbers.any()
 
 
+def test_groups_of_a_command_lie_where_their_names_say():
+    """The index map of saturated parts against the names of the command's numbers."""
+    params = load_params()
+    model = pack(params)
+    actuators = pack_actuators(params, model)
+    names, at = [label.name for label in command_labels(params, model, actuators)], actuators.at
+    assert all("_piezo" in name for name in names[: at.thrust])
+    assert names[at.thrust : at.joints] == ["thrust_x", "thrust_y", "thrust_yaw"]
+    assert all("_torque" in name for name in names[at.joints :]) and at.end == len(names)
+
+
 def test_commands_come_in_steps():
     """To the nearest one, of each group its own; what lies beyond the limit is the limit, whatever the step."""
     steps = "{piezo: 3.0, thruster_force: 0.4, thruster_torque: 0.7, joint: 0.25}"
@@ -74,12 +86,13 @@ def test_lag_is_that_of_first_order_on_average_over_each_period(constant):
     assert 0.0 < held((9, 1.0))[9] < 0.01
 
 
-def test_a_lagging_actuator_dies_away():
+@pytest.mark.parametrize("axis", [X, Y, YAW])
+def test_a_lagging_actuator_dies_away(axis):
     """Nothing is asked any more: what is left falls by exp(-T / c) a period."""
     held = Held("actuators.lag={piezo: 0.0, thruster: 0.02, joint: 0.0}")
     for _ in range(1000):
-        held((Y, 40.0))
-    given = np.array([held((Y, 0.0))[Y] for _ in range(50)])
+        held((axis, 40.0))
+    given = np.array([held((axis, 0.0))[axis] for _ in range(50)])
     np.testing.assert_allclose(given[1:] / given[:-1], np.exp(-0.1), rtol=1e-12)
     assert given[0] == pytest.approx(40.0 * (1.0 - np.exp(-0.1)) / 0.1, rel=1e-12)
 

@@ -115,7 +115,6 @@ COUNTS = {"start", "at", "n", "n_a", "n_f", "n_m", "n_g", "n_modes", "N_BASE", "
 SQUARED = {"dU", "d2W"}  # arrays that enter the equations as squares: the sign of all entries at once is free
 FREE = {  # function, term: why its sign makes no difference
     ("_rotate", "1.0 / sqrt(t * t + 1.0)"): "a rotation by half a turn more",
-    ("_factor", "1.0 / sqrt(A[j, j])"): "a factor of either sign has the same square",
     ("worth_of_effort", "swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]"): "swings of either side",
     ("worth_of_effort", "np.zeros_like(M)"): "zero",
     ("problem", "unknown"): "the cost is a square of the unknowns",
