@@ -38,12 +38,17 @@ class HSC(ControlLaw):
             first += n
         self.points = [tuple(grasp.point) for grasp in params.object.grasps]
         self.mass, self.inertia = params.object.mass, params.object.inertia
-        beam, self.n_panels = one_element_beam(params.panel), len(params.panel.mounts)
+        beam = one_element_beam(params.panel)
         omega = np.sqrt(np.diag(beam.K) / np.diag(beam.M_ff))
-        self.damped = [k for k in range(3) if omega[k] * self.period < pi / 2]
-        self.B, self.M_ff, self.c_x = params.suppression.B0, beam.M_ff.tolist(), beam.c_x.tolist()
-        self.gyro = (beam.N - beam.N.T).tolist()
-        self.allocation = simulator.actuators.allocation.tolist()
+        damped = [k for k in range(3) if omega[k] * self.period < pi / 2]
+        gyro, allocation = beam.N - beam.N.T, simulator.actuators.allocation.tolist()
+        self.damping = [
+            (k, params.suppression.B0[k], beam.c_x[k].item(), beam.M_ff[k].tolist(), gyro[k].tolist()) for k in damped
+        ]
+        self.panels = [
+            (self.at["elastic"] + 3 * i, self.at["elastic_rate"] + 3 * i, allocation[i])
+            for i in range(len(params.panel.mounts))
+        ]
         self.scale = self.limit.tolist()
 
     def __call__(self, obs):
@@ -52,20 +57,22 @@ class HSC(ControlLaw):
         return [value / scale for value, scale in zip(command, self.scale, strict=True)]
 
     def volts(self, o):
-        q0, qd0, w = self.at["elastic"], self.at["elastic_rate"], o[self.at["yaw_rate"]]
-        volts = []
-        for i in range(self.n_panels):
-            q, qd = o[q0 + 3 * i : q0 + 3 * i + 3], o[qd0 + 3 * i : qd0 + 3 * i + 3]
-            own = [0.0] * len(self.allocation[i])
-            for k in self.damped:
-                Q_v = w * w * self.c_x[k]
-                for j in range(3):
-                    Q_v += w * w * self.M_ff[k][j] * q[j]
-                    Q_v -= 2.0 * w * self.gyro[k][j] * qd[j]
-                tau = -self.B[k] * qd[k] - Q_v
-                for c, row in enumerate(self.allocation[i]):
-                    own[c] += row[k] * tau
-            volts += own
+        w = o[self.at["yaw_rate"]]
+        w2, twice, volts = w * w, 2.0 * w, []
+        for at, rate_at, allocation in self.panels:
+            (x, y, slope), (xd, yd, sloped) = o[at : at + 3], o[rate_at : rate_at + 3]
+            tau = []
+            for k, B, c_x, M, N in self.damping:
+                Q_v = w2 * c_x
+                Q_v = Q_v + w2 * M[0] * x - twice * N[0] * xd
+                Q_v = Q_v + w2 * M[1] * y - twice * N[1] * yd
+                Q_v = Q_v + w2 * M[2] * slope - twice * N[2] * sloped
+                tau.append((k, -B * o[rate_at + k] - Q_v))
+            for row in allocation:
+                own = 0.0
+                for k, force in tau:
+                    own += row[k] * force
+                volts.append(own)
         return volts
 
     def forces(self, o):
@@ -102,18 +109,18 @@ class HSC(ControlLaw):
                 turns = reach(links, chain, x, y, tx - ax, ty - ay, alpha, w)
                 gx, gy = grips[grasp]
             px, py = ax - alpha * y - w * w * x, ay + alpha * x - w * w * y
-            for (length, _, _, _), (c, s, rate), turned in zip(links, chain, turns, strict=True):
+            bodies = []
+            for (length, com, mass, inertia), (c, s, rate), turned in zip(links, chain, turns, strict=True):
                 w2 = rate * rate
-                px -= length * (turned * s + w2 * c)
-                py += length * (turned * c - w2 * s)
+                ux, uy = turned * s + w2 * c, turned * c - w2 * s
+                px -= length * ux
+                py += length * uy
+                bodies.append((length, com, mass, inertia, c, s, ux, uy, turned))
             load, own = 0.0, []
-            for (length, com, mass, inertia), (c, s, rate), turned in zip(
-                links[::-1], chain[::-1], turns[::-1], strict=True
-            ):
-                w2 = rate * rate
-                px += length * (turned * s + w2 * c)
-                py -= length * (turned * c - w2 * s)
-                mx, my = mass * (px - com * (turned * s + w2 * c)), mass * (py + com * (turned * c - w2 * s))
+            for length, com, mass, inertia, c, s, ux, uy, turned in reversed(bodies):
+                px += length * ux
+                py -= length * uy
+                mx, my = mass * (px - com * ux), mass * (py + com * uy)
                 load += inertia * turned + com * (c * my - s * mx) + length * (c * gy - s * gx)
                 own.append(load)
                 gx += mx

@@ -81,7 +81,7 @@ class Episodes(SFFRFlexVectorEnv):
                     for i in np.flatnonzero(active).tolist():
                         records[i].applied[tick // stride] = batch.applied[i]
                 count += 1
-                if tick + 1 >= next_end or batch.status.any():
+                if tick + 1 >= next_end or np.count_nonzero(batch.status):
                     ended = active & ((batch.status != RUNNING) | (ticks <= tick + 1))
                     for i in np.flatnonzero(ended).tolist():
                         done[i], failures[i] = tick + 1, REASONS[float(batch.status[i])]
