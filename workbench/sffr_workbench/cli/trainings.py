@@ -52,7 +52,7 @@ def sweep_train_command(
 ) -> None:
     r"""Train with several seeds, and for every combination of some settings' values, in parallel, a core for each.
 
-    An interrupted run goes on with the same command. Leaves a run folder of sffr train for each, DIR/trainings/*, and
+    An interrupted run goes on with the same command. Leaves a run folder of sffr train for each in DIR/trainings, and
     trainings.csv. Needs the extra [bold]agents[/]: pip install "sffr-gym\[agents]".
     """
     notes, results = consoles(quiet)
