@@ -1,6 +1,7 @@
 """The search for settings: several seeds for a trial, all their episodes for a score, and kills that lose nothing."""
 
 import csv
+import json
 import re
 
 import numpy as np
@@ -14,6 +15,7 @@ from sffr_agents.tune_config import Dimension, TuneConfig, load_tune
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
+from sffr_gym.config.run_folder import CARD
 from sffr_gym.config.strict_yaml import build
 from sffr_gym.task.statistics import interquartile_mean
 
@@ -94,6 +96,20 @@ def test_settings_as_they_are_are_tried_where_the_search_may_take_them(plan):
 def test_an_interval_is_of_whole_numbers_if_both_of_its_ends_are():
     ends = [(1, 3), (1, 3.0), (1.0, 3), (1.0, 3.0)]
     assert [Dimension(key="x", low=low, high=high).whole for low, high in ends] == [True, False, False, False]
+
+
+def test_a_finished_search_goes_on_for_more_trials(plan, tmp_path):
+    """And is not finished while it does."""
+    tune(plan.model_copy(update={"trials": 1}), tmp_path)
+    assert json.loads((tmp_path / CARD).read_text())["finished"]
+    states = []
+
+    def look(what, done, total):
+        states.append(json.loads((tmp_path / CARD).read_text())["finished"])
+
+    tune(plan, tmp_path, progress=look)
+    assert states and not any(states) and json.loads((tmp_path / CARD).read_text())["finished"]
+    assert len(rows(tmp_path)) == 2
 
 
 def test_folder_of_another_search_is_rejected(plan, tmp_path):
