@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ ROOT = Path(__file__).parents[1]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.py"))
 ROBOTS = sorted((ROOT / "tests" / "robots").glob("*.yaml"))
 FOUND = ["ets7-one-panel", "spacerobotenv-dual-arm", "tohoku-debris-dual-arm"]  # joint angles left out below
+UNSTABLE = ["four-panels-slanted-arms"]  # six elements each: modes too fast for the sampled damping
 
 
 def test_there_are_tutorials_and_robots():
@@ -55,7 +57,11 @@ def test_robot_of_others_runs_is_linearised_and_exported(file, tmp_path):
     assert sffr("linearize", "--params", file, *more, "-o", matrices).exit_code == 0
     np.testing.assert_array_equal(np.load(matrices)["A"], model.A)
     options = "--params", file, *more, "-s", tmp_path / "short.yaml", "--no-figures", "-o", run
-    result = sffr("evaluate", "none", "hsc", *options)
+    told = (
+        pytest.warns(UserWarning, match="hsc is unstable on its own robot") if file.stem in UNSTABLE else nullcontext()
+    )
+    with told:
+        result = sffr("evaluate", "none", "hsc", *options)
     assert result.exit_code == 0, result.output
     assert sffr("export-run", run, "--policy", "none", "-o", tmp_path / "out").exit_code == 0
     columns = json.loads((tmp_path / "out" / "schema.json").read_text())["columns"]
