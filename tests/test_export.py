@@ -22,12 +22,18 @@ from sffr_gym.physics.kinematics import tip_deflections
 from sffr_workbench.evaluation import read_episodes
 
 
+def read_arrays(file):
+    with np.load(file) as arrays:
+        return dict(arrays)
+
+
+
 def test_linearize_writes_the_model_for_numpy(tmp_path):
     file = tmp_path / "model.npz"
     result = sffr("linearize", "--out", file, "--set", "panel.EI=25")
     assert result.exit_code == 0, result.output
     assert "28 states, 15 inputs, 43 outputs" in result.output
-    found, model = np.load(file), Simulator(load_params().with_overrides("panel.EI=25")).linearize()
+    found, model = read_arrays(file), Simulator(load_params().with_overrides("panel.EI=25")).linearize()
     np.testing.assert_array_equal(found["A"], model.A)
     np.testing.assert_array_equal(found["Bd"], model.discrete().B)
     assert found["inputs_names"][6] == "thrust_x"
