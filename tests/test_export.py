@@ -27,7 +27,6 @@ def read_arrays(file):
         return dict(arrays)
 
 
-
 def test_linearize_writes_the_model_for_numpy(tmp_path):
     file = tmp_path / "model.npz"
     result = sffr("linearize", "--out", file, "--set", "panel.EI=25")
