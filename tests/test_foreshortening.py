@@ -16,12 +16,13 @@ from sffr_workbench.verify import foreshortening, motion
 
 ON = "panel.foreshortening=true"
 FREE = ["object=null", "panel.strain_rate_damping=0"]
+SLANTED = "panel.mounts=[{name: a, root: [0.3, -0.7], angle: 2.1}, {name: b, root: [0.1, 0.5], angle: 0.7}]"
 SWINGING = "initial.qd=[0.85, 0, 0.05, 0.1, -0.2, -0.1, 0.15, 0.3, -0.3]"
 
 
-def moving(elements, seed=0):
+def moving(elements, seed=0, changes=()):
     """A free robot with bent panels, turning joints and a fast yaw, and its positions and velocities."""
-    simulator = Simulator(load_params().with_overrides(*FREE, ON, f"panel.elements={elements}"))
+    simulator = Simulator(load_params().with_overrides(*FREE, ON, f"panel.elements={elements}", *changes))
     p, v = simulator._flat(simulator.initial_state())
     rng, at = np.random.default_rng(seed), mode_slice(simulator.model)
     p[at] = 0.8 * rng.uniform(-1.0, 1.0, p[at].shape) / np.sqrt(simulator.model.omega2.ravel())
@@ -36,10 +37,10 @@ def momenta(model, p, v):
     return np.array([(energy_of(model, p, v + step) - energy_of(model, p, v - step)) / 2.0 for step in steps])
 
 
-@pytest.mark.parametrize("elements", [1, 4])
-def test_lagranges_equations_of_the_energy(elements):
+@pytest.mark.parametrize(("elements", "changes"), [(1, []), (4, []), (1, [SLANTED])])
+def test_lagranges_equations_of_the_energy(elements, changes):
     """The momenta change as the Lagrangian does with the coordinates, and by the forces, where every term counts."""
-    simulator, p, v = moving(elements)
+    simulator, p, v = moving(elements, changes=changes)
     model, h, force = simulator.model._replace(damping=0.3 * simulator.model.omega2), 1.0e-4, np.zeros_like(p)
     force[mode_slice(model)] = np.random.default_rng(1).uniform(-1.0, 1.0, force[mode_slice(model)].shape)
     a = Plant(model, INTEGRATORS["etdrk4"]).accelerations(p, v, force)

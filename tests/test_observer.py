@@ -158,6 +158,39 @@ def test_the_prediction_is_the_error_law_of_a_period(late):
     np.testing.assert_allclose(seen[law.observer.rate], ed + T * edd, rtol=1e-12)
 
 
+def test_the_filter_weighs_a_measurement_against_the_prediction():
+    """Of sensors without lag: ``x + L (y - x)`` for an error and its rate together."""
+    own = make_law("ahsc", load_params().with_overrides(f"control.observer={NOISE}"))
+    state, T, rng = state_at(make_states(own, 1), 0), own.observer.period, np.random.default_rng(3)
+    L = rng.uniform(0.1, 0.9, own.observer.gain.shape)
+    own = own._replace(observer=own.observer._replace(gain=L))
+    state.errors[:], state.age[0] = rng.normal(size=state.errors.shape), 5.0
+    e, ed = state.errors.T.copy()
+    edd = -(own.gains.Kp * e + own.gains.Kd * ed)
+    expected = np.array([e + T * ed + T**2 / 2.0 * edd, ed + T * edd])
+    seen, obs = np.zeros(own.at.end), rng.normal(size=own.at.end)
+    estimate(own.observer, own.gains, own.at, obs, state, seen)
+    gap = np.array([obs[own.observer.error], obs[own.observer.rate]]) - expected
+    found = expected + np.einsum("kij,jk->ik", L, gap)
+    np.testing.assert_allclose([seen[own.observer.error], seen[own.observer.rate]], found, rtol=1e-12)
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_a_lag_is_what_explains_the_second_observation(late):
+    """Errors that have moved with their own rates, or with the reference alone, though that is twice as fast."""
+    own = make_law("ahsc-ff", load_params())
+    state, T = state_at(make_states(own, 1), 0), own.observer.period
+    point = own.observer.axis != ANGLE
+    first, second, seen = np.zeros(own.at.end), np.zeros(own.at.end), np.zeros(own.at.end)
+    for obs in (first, second):
+        obs[own.observer.rate[point]] = 0.5
+        obs[own.at.reference_velocity : own.at.reference_velocity + 2] = 1.0
+    estimate(own.observer, own.gains, own.at, first, state, seen)
+    second[own.observer.error[point]] = T * (1.0 if late else 0.5)
+    estimate(own.observer, own.gains, own.at, second, state, seen)
+    assert state.late[0] == late
+
+
 @pytest.mark.parametrize("overrides", [[], TANGENT], ids=["fixed heading", "tangent heading"])
 def test_a_late_observation_is_brought_up_to_date(user_scenario, overrides):
     """What a compensating law sees is what sensors without lag would show, joints and panels included."""
@@ -179,9 +212,10 @@ def test_a_late_observation_is_brought_up_to_date(user_scenario, overrides):
         assert corrected[places].max() < late[places].max() / least
 
 
-def test_a_late_measurement_is_an_error_of_a_period_ago():
+@pytest.mark.parametrize("overrides", [[], ["path.kind=slew"]], ids=["circle", "slew"])
+def test_a_late_measurement_is_an_error_of_a_period_ago(overrides):
     """Taken back by the reference's motion since, and moved on by the error law, to second order of the period."""
-    policy = LawPolicy("ahsc-ff", make_law("ahsc-ff", load_params()))
+    policy = LawPolicy("ahsc-ff", make_law("ahsc-ff", load_params().with_overrides(*overrides)))
     own, rng = policy.law, np.random.default_rng(1)
     state, tracked, T = state_at(make_states(own, 1), 0), own.observer, own.observer.period
     obs = rng.normal(size=own.at.end)
@@ -192,6 +226,8 @@ def test_a_late_measurement_is_an_error_of_a_period_ago():
     axis = np.where(point, tracked.axis, 0)
     speed = np.where(point, obs[own.at.reference_velocity + axis], 0.0) + obs[own.at.reference_turn] * tracked.lever
     acceleration = np.where(point, obs[own.at.reference_acceleration + axis], 0.0)
+    if overrides:  # a circle is turned along evenly
+        acceleration = acceleration + obs[own.at.reference_turn_acceleration] * tracked.lever
     y = obs[tracked.error] - T * speed + 0.5 * T**2 * acceleration
     yd = obs[tracked.rate] - T * acceleration
     edd = -(own.gains.Kp * e + own.gains.Kd * ed)

@@ -20,8 +20,9 @@ from sffr_gym.compile.threads import VARIABLES, available_cores, cpu_quota
 from sffr_gym.config.provenance import git_state, package_version
 
 PROJECT = "sffr-gym"
-MODULES = {  # by the name of the distribution, where they differ by more than case and hyphens
+MODULES = {  # by the name of the distribution, where they differ by more than case and hyphens; some have none
     "pyyaml": "yaml", "pillow": "PIL", "pygame-ce": "pygame", "pin": "pinocchio",
+    "cupy-cuda13x": "cupy", "nvidia-nvvm": None,
 }  # fmt: skip
 OF_DEVELOPERS = ("dev", "docs", "compile", "all")  # extras that no user needs
 IMPORT = 120.0  # s that an import may take
@@ -129,7 +130,8 @@ def _results() -> Finding:
 def _extra(extra: str, needed: list[Requirement]) -> Finding:
     if missing := [text for each in needed if (text := _lack(each))]:
         return Finding(f"[{extra}]", "; ".join(missing), f"pip install '{PROJECT}[{extra}]'")
-    modules = [MODULES.get(each.name.lower(), each.name.lower().replace("-", "_")) for each in needed]
+    names = (MODULES.get(each.name.lower(), each.name.lower().replace("-", "_")) for each in needed)
+    modules = [name for name in names if name]
     shown = ", ".join(f"{each.name} {package_version(each.name)}" for each in needed)
     if not modules:
         return Finding(f"[{extra}]", "nothing of its own")

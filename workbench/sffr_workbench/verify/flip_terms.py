@@ -80,16 +80,21 @@ PERIOD = [
     "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
     "terminates or info or reward or cost or simulator or momentum",
 ]  # fmt: skip
-TESTS = {  # that check the files of LOOP, as arguments of pytest
+TESTS = {  # that check the files of LOOP, and others where the sections see nothing, as arguments of pytest
     f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
     f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
     f"{PHYSICS}/actuators.py": [
         "test_actuators.py", "test_actuation.py", "-k",
         "not environments and not valves and not diverges and not loop and not sensors and not half and not what_was",
     ],
-    f"{TASK}/reference.py": ["test_observation.py", "test_reference.py"],
+    f"{PHYSICS}/dynamics.py": ["test_foreshortening.py", "-k", "lagrange"],  # whose panels couple along and across
+    f"{TASK}/reference.py": [
+        "test_observation.py", "test_reference.py", "test_paths.py", "-k",
+        "test_observation or test_reference or derivatives or lobes or begins or passed or tangent",
+    ],
     f"{TASK}/observation.py": ["test_observation.py"],
-    f"{TASK}/signals.py": PERIOD, f"{TASK}/quasi_static.py": PERIOD, f"{TASK}/status.py": PERIOD,
+    f"{TASK}/signals.py": [*PERIOD[:-2], "test_quasi_static.py", "-k", f"{PERIOD[-1]} or quasi_static"],
+    f"{TASK}/quasi_static.py": ["test_quasi_static.py"], f"{TASK}/status.py": PERIOD,
     f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
     f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
     f"{LAWS}/free_floating.py": ["test_free_floating.py", "-k", "tracked and none"],
@@ -98,7 +103,9 @@ TESTS = {  # that check the files of LOOP, as arguments of pytest
     f"{LAWS}/predictive.py": ["test_predictive.py", "-k", "problem or osqps"],
     f"{LAWS}/position_feedback.py": ["test_position_feedback.py", "-k", "sampled or modes_are or piezos_are or left"],
     f"{LAWS}/panel_reaction.py": ["test_panel_reaction.py", "-k", "commanded or limits"],
-    f"{LAWS}/observer.py": ["test_observer.py", "-k", "tells or late or integrals or gain or tracked or prediction"],
+    f"{LAWS}/observer.py": [
+        "test_observer.py", "-k", "tells or late or lag_is or integrals or gain or tracked or prediction",
+    ],
     f"{LAWS}/schedule.py": [
         "test_schedule.py", "test_damping_env.py", "-k",
         "test_schedule or multiplies_a or beyond_its or mirrored or without_any",
@@ -125,4 +132,5 @@ FREE = {  # function, term: why its sign makes no difference
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
 }
+ZERO = "0.0 * "  # of the kind of number that follows, of either sign
 MAKERS = {"slice", "range", "zeros", "empty", "eye", "len", "base_point", "arm_points"}  # calls that give no numbers
