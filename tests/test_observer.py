@@ -11,6 +11,7 @@ from sffr_gym.config.params import load_params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import initial_positions
+from sffr_gym.physics.kinematics import arm_points
 from sffr_gym.physics.model import pack
 from sffr_gym.task.observation import observation_fields, observation_index
 from sffr_gym.task.reference import path_reference
@@ -130,6 +131,19 @@ def test_what_is_tracked():
     ]  # fmt: skip
     assert not (observer.filters or observer.compensates)
     assert [each.lever for each in tracked[-3:]] == [0.0, 0.0, 1.0]
+
+
+def test_levers_are_those_of_the_formation_at_the_start():
+    """A point that is carried at a place moves by ``turn x place``: base and grippers, seen from the object."""
+    params = load_params().with_overrides("initial.q.2=0.4")
+    model = pack(params)
+    p = initial_positions(params, model)[0]
+    _, tracked, _ = designed("initial.q.2=0.4")
+    tips = [arm_points(model, p[:9], np.zeros(9), int(arm))[1].x for arm in model.grasp_arm]
+    places = np.array([p[:2], *tips]) - p[model.at.object : model.at.object + 2]
+    levers = [each.lever for each in tracked if each.axis != ANGLE][:6]
+    np.testing.assert_allclose(levers, np.column_stack([-places[:, 1], places[:, 0]]).ravel(), rtol=0, atol=1e-12)
+    assert np.abs(places).min() > 1e-3
 
 
 def test_gains_that_are_unstable_are_refused():
