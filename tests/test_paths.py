@@ -57,6 +57,17 @@ def test_derivatives_are_those_of_the_motion(name, phase):
             assert getattr(now, higher) == pytest.approx(slope, rel=2e-5, abs=2e-6), (higher, t, names)
 
 
+@pytest.mark.parametrize("kind", ["circle", "figure-eight"])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 4.0])
+def test_a_closed_path_begins_where_the_object_is_and_comes_back(kind, phase):
+    params, reference = reference_of(f"path.kind={kind}", phase=phase)
+    model = pack(params)
+    place = initial_positions(params, model)[0][model.at.object : model.at.object + 2]
+    for t in (0.0, params.path.period):
+        now = desired(reference, t)
+        np.testing.assert_allclose([now.x, now.y], place, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", PATHS)
 def test_a_path_is_begun_without_errors(name):
     """Robot and object move as one with the path: no error, none of its rates, and no joint moves."""
