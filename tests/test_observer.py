@@ -190,18 +190,20 @@ def test_the_filter_weighs_a_measurement_against_the_prediction():
 
 
 @pytest.mark.parametrize("late", [0.0, 1.0])
-def test_a_lag_is_what_explains_the_second_observation(late):
-    """Errors that have moved with their own rates, or with the reference alone, though that is twice as fast."""
+def test_a_lag_is_what_explains_the_second_observation_better(late):
+    """Errors that have moved rather with their own rates, or rather with the reference, which is twice as fast."""
     own = make_law("ahsc-ff", load_params())
     state, T = state_at(make_states(own, 1), 0), own.observer.period
     point = own.observer.axis != ANGLE
-    first, second, seen = np.zeros(own.at.end), np.zeros(own.at.end), np.zeros(own.at.end)
+    errors, rates = own.observer.error[point], own.observer.rate[point]
+    first, second, seen = np.zeros((3, own.at.end))
     for obs in (first, second):
-        obs[own.observer.rate[point]] = 0.5
+        obs[rates] = 0.5
         obs[own.at.reference_velocity : own.at.reference_velocity + 2] = 1.0
-    estimate(own.observer, own.gains, own.at, first, state, seen)
-    second[own.observer.error[point]] = T * (1.0 if late else 0.5)
-    estimate(own.observer, own.gains, own.at, second, state, seen)
+    first[errors] = 0.2 * T
+    second[errors] = first[errors] + T * (0.85 if late else 0.65)
+    for obs in (first, second):
+        estimate(own.observer, own.gains, own.at, obs, state, seen)
     assert state.late[0] == late
 
 
