@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyder, polyval
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym import ConfigError, load_params
-from sffr_gym.config.path import N_PIECE
+from sffr_gym.config.path import DEGREE, N_PIECE
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.physics.initial import initial_positions
 from sffr_gym.physics.model import pack
 from sffr_gym.task.metrics import measured
 from sffr_gym.task.quasi_static import quasi_static_amplitudes, quasi_static_at
-from sffr_gym.task.reference import Desired, desired, path_reference
+from sffr_gym.task.reference import Desired, _polynomial, desired, path_reference
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import ERROR, VIBRATION
 
@@ -55,6 +56,13 @@ def test_derivatives_are_those_of_the_motion(name, phase):
         ]:  # fmt: skip
             slope = (getattr(after, lower) - getattr(before, lower)) / (2.0 * h)
             assert getattr(now, higher) == pytest.approx(slope, rel=2e-5, abs=2e-6), (higher, t, names)
+
+
+def test_derivatives_of_a_piece_are_those_of_its_polynomial():
+    """All four, though no shipped path that turns has a fourth one."""
+    coefficients, s = np.random.default_rng(0).normal(size=DEGREE + 1), 0.7
+    exact = [polyval(s, polyder(coefficients, k)) for k in range(5)]
+    np.testing.assert_allclose(_polynomial(np.append(9.0, coefficients), 1, s), exact, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["circle", "figure-eight"])
