@@ -1,6 +1,9 @@
 """`sffr dataset`: what Minari reads is what the environment gave, and can be replayed bit for bit."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -43,6 +46,37 @@ def test_a_dataset_replays_in_its_own_environment(env_id, policy, short_swing, t
         assert truncated and episode.truncations[-1] and not episode.truncations[:-1].any()
         np.testing.assert_allclose(episode.infos["vibration"][-1], info["vibration"], rtol=1e-12)
         assert all(value.dtype.kind in "fib" for value in episode.infos.values())
+
+
+COLLECTS = """
+import sys
+import gymnasium as gym, minari, numpy as np
+import sffr_gym
+collector = minari.DataCollector(gym.make(sys.argv[1], scenario=sys.argv[2]), record_infos=True)
+rewards = []
+for seed in range(2):
+    collector.reset(seed=seed)
+    done = False
+    while not done:
+        _, reward, terminated, truncated, _ = collector.step(np.zeros(collector.action_space.shape, np.float32))
+        rewards.append(reward)
+        done = terminated or truncated
+data = collector.create_dataset(
+    "own/collected-v0", algorithm_name="none", author="me", author_email="me@example.org", code_permalink="none",
+    description="a test's",
+)
+episodes = list(data.iterate_episodes())
+assert len(episodes) == 2 and "object_error" in episodes[0].infos
+np.testing.assert_allclose(np.concatenate([each.rewards for each in episodes]), rewards, rtol=1e-12)
+"""
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_minaris_own_collector_records_the_environments_with_their_infos(env_id, short_swing, tmp_path):
+    """Which takes more than the reading of datasets does; the extra brings it. Apart: JAX hooks into Python."""
+    command = [sys.executable, "-c", COLLECTS, env_id, str(short_swing)]
+    done = subprocess.run(command, env=os.environ | {ROOT: str(tmp_path)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_metadata_say_where_it_comes_from(short_swing, tmp_path, monkeypatch):

@@ -93,7 +93,9 @@ TESTS = {  # that check the files of LOOP, and others where the sections see not
         "test_observation or test_reference or derivatives or lobes or begins or passed or tangent",
     ],
     f"{TASK}/observation.py": ["test_observation.py"],
-    f"{TASK}/signals.py": [*PERIOD[:-2], "test_quasi_static.py", "-k", f"{PERIOD[-1]} or quasi_static"],
+    f"{TASK}/signals.py": [
+        *PERIOD[:-2], "test_quasi_static.py", "test_signals.py", "-k", f"{PERIOD[-1]} or quasi_static or test_signals",
+    ],
     f"{TASK}/quasi_static.py": ["test_quasi_static.py"], f"{TASK}/status.py": PERIOD,
     f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
     f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
