@@ -12,6 +12,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import close_grasps, match_joint_rates
 from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.physics.simulator import Simulator
+from sffr_gym.task.reference import desired
 from sffr_gym.task.task_model import make_task_model
 
 THREE_ARMS = [
@@ -136,6 +137,45 @@ def test_law_is_the_inverse_dynamics_of_the_commanded_accelerations(name, seed, 
     for joint, acceleration in wanted.held.items():
         assert qdd[3 + joint] == pytest.approx(acceleration, abs=1e-10 * scale)
     assert len(wanted.held) + 2 * len(grasping) == params.n_links or name == "three arms"
+
+
+def carried(observer, t):
+    """Positions and velocities of robot and object that move as one with the desired motion, and that of the base."""
+    now, p, v = desired(observer.reference, t), observer.p.copy(), np.zeros_like(observer.v)
+    at, turn = observer.model.at.object, rotation(now.heading)
+    away = turn @ (observer.p[:2] - observer.p[at : at + 2])
+    p[:2], p[2] = np.add(away, [now.x, now.y]), observer.p[2] + now.heading
+    p[at:] = now.x, now.y, observer.p[at + 2] + now.heading
+    v[:2], v[2] = np.add(now.turn * perpendicular(away), [now.xd, now.yd]), now.turn
+    v[at:] = now.xd, now.yd, now.turn
+    return p, v
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        ["kind=slew", "turn=1.0"],
+        ["kind=figure-eight", "radius=5", "heading=tangent"],
+        ["kind=waypoints", "heading=tangent"],
+    ],
+)
+def test_a_formation_that_turns_unevenly_is_accelerated_with_its_path(path):
+    """On it, without any error: base and object as differences of their desired motion have it, no joint at all."""
+    params = grasping_params([*LIGHT, "initial.q.2=0.2"], arms=2).with_overrides(*(f"path.{key}" for key in path))
+    params = params.with_overrides("initial.qd=null", "initial.qf=[0, 0, 0]")
+    observer, tick, h = Observer(params), 1_200, 1.0e-3
+    t = tick * params.control.period
+    p, v = carried(observer, t)
+    command = make_policy("none", params)(observer(p, v, tick)) * observer.robot.scale
+    simulator = Simulator(params)
+    volts, base, joints = simulator.split(command)
+    qdd, _, xdd = simulator.acceleration(simulator.unflatten(t, p, v), base=base, joints=joints, piezo_volts=volts)
+    (before, _), (after, _) = (carried(observer, t + shift) for shift in (-h, h))
+    wanted = (before - 2.0 * p + after) / h**2
+    scale = np.abs(wanted).max()
+    np.testing.assert_allclose(qdd, wanted[: len(qdd)], rtol=0, atol=1e-4 * scale)
+    np.testing.assert_allclose(xdd, wanted[observer.model.at.object :], rtol=0, atol=1e-4 * scale)
+    assert abs(desired(observer.reference, t).turn_acceleration) > 1e-3
 
 
 @pytest.mark.parametrize("name", ["paper", "yawed, tangent", "three arms"])

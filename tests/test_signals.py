@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sffr_gym import SFFRFlexEnv
-from sffr_gym.task.signals import N_SIGNALS, SIGNALS, measure_command
+from sffr_gym.physics.initial import initial_positions
+from sffr_gym.task.reference import desired, path_reference
+from sffr_gym.task.signals import N_SIGNALS, SIGNALS, measure_command, measure_state
 from sffr_gym.task.task_model import make_task_model
 
 FREE = ["object=null", "initial.q=[1.0, 2.0, 0.3, 0.6, 4.2, 5.6, 2.1, 0.4488, 0.08727]"]
@@ -54,3 +56,15 @@ def test_without_an_object_errors_are_those_of_the_base():
         *_, info = env.step(np.zeros(15))
         assert info["object_error"] == pytest.approx(5e-3, abs=2.0 * before["object_error"] + 1e-6)
         assert info["attitude_error"] == pytest.approx(2e-3, abs=2.0 * before["attitude_error"] + 1e-6)
+
+
+def test_errors_of_a_base_alone_are_those_from_its_path_and_heading(params):
+    """Far along a path that it turns with, and turned at its start."""
+    free = params.with_overrides(*FREE, "path.heading=tangent")
+    task = make_task_model(free)
+    p, v = initial_positions(free, task.model)
+    reference, signals = path_reference(free, task.model, p), np.zeros(N_SIGNALS)
+    now = desired(reference, 20.0)
+    p[:3] = now.x + 3e-3, now.y - 4e-3, now.heading + 0.3 - 2e-3  # 0.3 rad as it starts
+    measure_state(task, reference, now, p, v, np.zeros(2), np.zeros(3), signals)
+    assert signals[:2] == pytest.approx([5e-3, 2e-3], rel=1e-9)

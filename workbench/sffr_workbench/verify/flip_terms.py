@@ -92,7 +92,9 @@ TESTS = {  # that check the files of LOOP, and others where the sections see not
         "test_observation.py", "test_reference.py", "test_paths.py", "-k",
         "test_observation or test_reference or derivatives or lobes or begins or passed or tangent",
     ],
-    f"{TASK}/observation.py": ["test_observation.py"],
+    f"{TASK}/observation.py": [
+        "test_observation.py", "test_mic.py", "test_foreshortening.py", "-k", "test_observation or third or sensors",
+    ],
     f"{TASK}/signals.py": [
         *PERIOD[:-2], "test_quasi_static.py", "test_signals.py", "-k", f"{PERIOD[-1]} or quasi_static or test_signals",
     ],
@@ -132,6 +134,9 @@ FREE = {  # function, term: why its sign makes no difference
     ("write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
     ("apply_decision", "base_off_path(law, obs) / schedule.tolerance"): "it enters as its square",
     ("_on_figure_eight", "2.0 * angle"): "a cosine is even, and its sine is turned around as a whole",
+    ("_add_pair", "2.0 * pi * (float(b) + 0.5) * TO_UNIT"): "an angle that is as likely",
+    ("_add_pair", "float(b)"): "an angle that is as likely",
+    ("_add_pair", "0.5"): "half of the least step of an angle",
     ("_add_pair", "level[k] * size * cos(angle)"): "noise of either sign is as likely",
     ("_add_pair", "level[k + 1] * size * sin(angle)"): "noise of either sign is as likely",
 }
