@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from stepping import N_ACTIONS, assert_healthy, rollout
+from test_mic import THREE_ARMS, grasping_params
 
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.status import RUNNING, Failure, status_of
@@ -75,6 +76,15 @@ def test_singular_arm_terminates(least, ends):
     env.reset(seed=0)
     _, _, terminated, _, info = env.step(np.zeros(N_ACTIONS))
     assert (terminated, info["failure"]) == (ends, Failure.ARM_SINGULAR if ends else Failure.NONE)
+
+
+def test_nothing_terminates_where_a_turned_object_is_held_off_its_middle():
+    """Gaps are from the grasp points, wherever these lie in the object's own axes."""
+    env = SFFRFlexEnv(params=grasping_params(THREE_ARMS, arms=3, turned=0.4))
+    env.reset(seed=0)
+    for _ in range(3):
+        *_, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+        assert not terminated and info["failure"] == Failure.NONE
 
 
 @pytest.mark.parametrize(("gap", "ends"), [(0.8e-3, False), (1.3e-3, True)])

@@ -93,7 +93,7 @@ TESTS = {  # that check the files of LOOP, and others where the sections see not
         "test_observation or test_reference or derivatives or lobes or begins or passed or tangent",
     ],
     f"{TASK}/observation.py": [
-        "test_observation.py", "test_mic.py", "test_foreshortening.py", "-k", "test_observation or third or sensors",
+        "test_observation.py", "test_mic.py", "test_foreshortening.py", "-k", "test_observation or three or sensors",
     ],
     f"{TASK}/signals.py": [
         *PERIOD[:-2], "test_quasi_static.py", "test_signals.py", "-k", f"{PERIOD[-1]} or quasi_static or test_signals",
@@ -129,7 +129,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("worth_of_effort", "swing * modes.shapes[BENDING, 0] / modes.shapes[BENDING.start, 0]"): "swings of either side",
     ("worth_of_effort", "np.zeros_like(M)"): "zero",
     ("problem", "unknown"): "the cost is a square of the unknowns",
-    ("make_position_feedback", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
+    ("_filters", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
     ("_kalman_gain", "1.0e-30 * np.eye(2)"): "far below rounding",
     ("write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
     ("apply_decision", "base_off_path(law, obs) / schedule.tolerance"): "it enters as its square",
