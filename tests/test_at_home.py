@@ -10,7 +10,7 @@ import time
 import gymnasium as gym
 import numpy as np
 import pytest
-from test_conventions import IDS, SHORT, SINGLES, VECTORS, zeros
+from both_ids import IDS, SHORT, SINGLES, VECTORS, zeros
 
 import sffr_gym
 from sffr_baselines import POLICIES, make_policy

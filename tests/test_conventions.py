@@ -8,6 +8,7 @@ from dataclasses import astuple
 import gymnasium as gym
 import numpy as np
 import pytest
+from both_ids import IDS, SHORT, SINGLES, VECTORS, zeros
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
@@ -17,16 +18,7 @@ from sffr_gym.config.params import load_params
 from sffr_gym.config.strict_yaml import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
-from sffr_gym.task.scenario import Scenario, load_scenario
-
-IDS = ("SFFRFlex-v0", "SFFRFlexDamping-v0")
-SINGLES = (SFFRFlexEnv, SFFRFlexDampingEnv)
-VECTORS = (SFFRFlexVectorEnv, SFFRFlexDampingVectorEnv)
-SHORT = Scenario(name="short", description="a test's", duration=0.2)
-
-
-def zeros(env):
-    return np.zeros(env.action_space.shape)
+from sffr_gym.task.scenario import load_scenario
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from grasping_robots import THREE_ARMS, grasping_params
 from stepping import N_ACTIONS, assert_healthy, rollout
-from test_mic import THREE_ARMS, grasping_params
 
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.status import RUNNING, Failure, status_of

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 from command_line import sffr
+from listing import listing
 from project import ROOT
-from test_run_folders import listing
 
 from sffr_gym.config.run_folder import CARD, KINDS, RunFolder
 from sffr_workbench.benchmark.page import page_names

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from test_conventions import IDS, SINGLES, VECTORS, zeros
+from both_ids import IDS, SINGLES, VECTORS, zeros
 
 from sffr_gym.task.scenario import scenario_names
 from sffr_gym.task.status import REASONS

@@ -2,105 +2,19 @@
 
 import numpy as np
 import pytest
+from commanded import Commanded
+from grasping_robots import LIGHT, ROBOTS, grasping_params
+from observer import Observer
 from oracle import Oracle
-from test_observation import LONG_ARM, Observer, expected_fields, make_params
 
 from sffr_baselines import make_policy
 from sffr_baselines.laws import LawPolicy, make_law
 from sffr_gym.config.params import load_params
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.initial import close_grasps, match_joint_rates
-from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
+from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.simulator import Simulator
 from sffr_gym.task.reference import desired
-from sffr_gym.task.task_model import make_task_model
-
-THREE_ARMS = [
-    "arms=["
-    "{name: arm1, mount: [0.5, 0.5], mount_angle: 0, links: [{mass: 4, length: 1, inertia: 0.5, com: 0.5}, "
-    "{mass: 3, length: 1, inertia: 0.5, com: 0.5}]}, "
-    "{name: arm2, mount: [0.5, -0.5], mount_angle: 0, links: [{mass: 4, length: 1, inertia: 0.5, com: 0.4}, "
-    "{mass: 3, length: 0.9, inertia: 0.5, com: 0.5}]}, "
-    "{name: arm3, mount: [0.5, 0.1], mount_angle: 0.3, links: [{mass: 2, length: 0.7, inertia: 0.2, com: 0.3}, "
-    "{mass: 1, length: 0.8, inertia: 0.1, com: 0.5}]}, "
-    "{name: antenna, mount: [-0.5, 0], mount_angle: 3, links: [{mass: 3, length: 0.5, inertia: 0.1, com: 0.25}, "
-    "{mass: 1, length: 0.5, inertia: 0.1, com: 0.2}]}]",
-    "initial.q=[0, 0, -0.2, 0.6, 4.2, 5.6, 2.1, 0.4, -1.1, 0.3, 0.2]",
-    "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]",
-]
-
-
-def grasping_params(overrides, arms, turned=0.0):
-    """Parameters of a robot whose object, turned by an angle, is as wide as the arms' tips are apart."""
-    params = load_params().with_overrides("object=null", *overrides)
-    model, q = make_task_model(params).model, np.array(params.initial.q)
-    ends = np.array([arm_points(model, q, 0 * q, arm)[1].x for arm in range(arms)])
-    points = (ends - ends.mean(axis=0)) @ rotation(turned) + [0.12, -0.07]  # its centre of mass lies off their middle
-    grasps = ", ".join(f"{{arm: arm{i + 1}, point: [{x}, {y}]}}" for i, (x, y) in enumerate(points))
-    return params.with_overrides(f"object={{mass: 3, inertia: 0.5, grasps: [{grasps}]}}")
-
-
-LIGHT = ["panel.mass=1.0e-6", "panel.axial_cut=1.0e+8", "panel.bending_cut=1.0e+8", "initial.qfd=[0, 0, 0]"]
-STRAIGHT = "initial.qd=[0.85, 0, 0, 0, 0, 0, 0, 0, 0]"
-ROBOTS = {
-    "paper": lambda: load_params(),
-    "yawed, tangent": lambda: make_params("tangent").with_overrides(STRAIGHT),
-    "third link": lambda: grasping_params(LONG_ARM, arms=2),
-    "three arms": lambda: grasping_params([*THREE_ARMS, "path.heading=tangent"], arms=3, turned=0.4),
-    "no object": lambda: make_params("free"),
-}
-
-
-class Commanded:
-    """What the law asks for at a state, in inertial axes, from the definitions alone.
-
-    Attributes:
-        base: (3,) acceleration; tips: (n_g, 2); held: {joint: acceleration}; object: (3,).
-        grip: (n_g, 2) force on the object at each gripper, by the pseudo-inverse of the grasp matrix.
-        Q: (n,) generalised forces that the law applies.
-
-    """
-
-    def __init__(self, observer, p, v, tick):
-        params, model = observer.params, observer.model
-        t = tick * params.control.period
-        fields = expected_fields(observer, p, v, t, 0.0)
-        Kp, Kd = params.control.Kp, params.control.Kd
-        turn = fields["reference_turn"]
-        axes = rotation(turn * t)
-        state = Simulator(params).unflatten(t, p, v)
-        forward = axes @ fields["reference_acceleration"]
-
-        def law(error, rate, offset):
-            """Return Eq. 12 for a point at an offset from the object's desired position, reference axes."""
-            return forward - turn**2 * axes @ offset + axes @ (Kp * np.array(error) + Kd * np.array(rate))
-
-        start = Simulator(params).unflatten(0.0, observer.p, observer.v)
-        carried = start.q[:3] if start.obj is None else start.obj
-        yaw = Kp * fields["yaw_error"] + Kd * fields["yaw_error_rate"]
-        self.base = np.append(law(fields["base_error"], fields["base_error_rate"], start.q[:2] - carried[:2]), yaw)
-        points = [rotation(carried[2]) @ point for point in model.grasp_point]
-        self.tips = np.array([
-            law(*motion) for motion in zip(fields["tip_error"], fields["tip_error_rate"], points, strict=True)
-        ])  # fmt: skip
-        rates = fields["joint_rate"][observer.robot.held]
-        self.held = dict(zip(observer.robot.held, Kp * fields["hold_error"] - Kd * rates, strict=True))
-        self.object, self.grip = None, np.zeros((0, 2))
-        if state.obj is not None:
-            angular = Kp * fields["object_angle_error"] + Kd * fields["object_angle_error_rate"]
-            self.object = np.append(law(fields["object_error"], fields["object_error_rate"], np.zeros(2)), angular)
-            arms = [rotation(state.obj[2]) @ point for point in model.grasp_point]
-            G = np.vstack([np.tile(np.eye(2), len(arms)), np.concatenate([perpendicular(r) for r in arms])])
-            inertia = np.array([params.object.mass, params.object.mass, params.object.inertia])
-            self.grip = (np.linalg.pinv(G) @ (inertia * self.object)).reshape(-1, 2)
-        self.Q = self._applied(observer, state, p, v, tick)
-
-    @staticmethod
-    def _applied(observer, state, p, v, tick):
-        command = make_policy("none", observer.params)(observer(p, v, tick)) * observer.robot.scale
-        volts = observer.robot.actuators.at.thrust
-        assert not command[:volts].any()
-        return np.concatenate([rotation(state.q[2]) @ command[volts : volts + 2], command[volts + 2 :]])
 
 
 def rigid_oracle(params):

@@ -8,10 +8,10 @@ import re
 import gymnasium as gym
 import numpy as np
 import pytest
+from both_ids import IDS, SHORT, SINGLES, VECTORS, zeros
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as vector_wrappers
-from test_conventions import IDS, SHORT, SINGLES, VECTORS, zeros
 
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import rollout

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from test_mic import ROBOTS, Commanded
-from test_observation import Observer
+from commanded import Commanded
+from grasping_robots import ROBOTS
+from observer import Observer, bent, command_of
 
 from sffr_baselines.laws import LawPolicy, make_law
 from sffr_baselines.policies import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.physics.initial import close_grasps, match_joint_rates
-from sffr_gym.physics.model import mode_slice
 from sffr_gym.physics.simulator import Simulator
 
 ON = "control.feedforward=true"
@@ -18,31 +17,6 @@ RIGID_AXIS = "panel.axial_cut=1.0e-3"  # no axial mode is left, as the law suppo
 SLANTED = "panel.mounts=[{name: only, root: [0.3, -0.7], angle: 2.1}]"
 ROBOTS = ROBOTS | {"one slanted panel": lambda: ROBOTS["paper"]().with_overrides(SLANTED)}
 WIDE = ["actuators.thruster_force=1.0e+6", "actuators.thruster_torque=1.0e+6", "actuators.joint_torque=1.0e+6"]
-
-
-def bent(params, seed):
-    """An observer of the robot, and positions and velocities off the path with its panels bent and swinging."""
-    observer, rng = Observer(params), np.random.default_rng(seed)
-    p, v = observer.p.copy(), observer.v.copy()
-    turn = params.path.speed / params.path.radius if params.path.heading == "tangent" else 0.0
-    p[:3] += [0.011, -0.013, 0.012]
-    v[:3] += [0.02, -0.03, 0.25 + turn]
-    if params.object is not None:
-        p[-3:-1] += [-0.007, 0.009]
-        v[-3:] += [0.03, 0.02, turn]
-        close_grasps(observer.model, p)
-        match_joint_rates(observer.model, p, v)
-    at = mode_slice(observer.model)
-    p[at], v[at] = rng.uniform(-0.6, 0.6, p[at].shape), rng.uniform(-0.6, 0.6, v[at].shape)
-    return observer, p, v
-
-
-def command_of(law, observer, p, v):
-    """The command (n_u,) of a law for a state at the start, as keywords of the simulator."""
-    policy = LawPolicy(law, make_law(law, observer.params))
-    command = policy(observer(p, v, 0)) * observer.robot.scale
-    volts, base, joints = Simulator(observer.params).split(command)
-    return {"base": base, "joints": joints, "piezo_volts": volts}
 
 
 @pytest.mark.parametrize("law", ["none", "ahsc", "lqr"])

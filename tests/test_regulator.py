@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from observer import Observer
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
-from test_observation import Observer
 
 from sffr_baselines import make_policy
 from sffr_baselines.laws import make_law

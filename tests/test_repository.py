@@ -67,3 +67,10 @@ def test_help_lists_every_target():
         ["make", "--no-print-directory", "help"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
     assert {line.split()[1] for line in shown.splitlines()} == targets
+
+
+@pytest.mark.parametrize("file", sorted(Path(__file__).parent.rglob("test_*.py")), ids=lambda file: file.stem)
+def test_what_tests_share_lies_beside_them(file):
+    """A test that imported another's file would need all that this one needs, with the oldest versions too."""
+    imported = re.findall(r"^(?:from|import) (test_\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+    assert not imported

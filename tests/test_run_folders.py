@@ -10,19 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from listing import listing
 
 from sffr_gym import ConfigError
 from sffr_gym.config.files import check_target
-from sffr_gym.config.run_folder import CARD, FORMAT, LOCK, RunFolder
-
-
-def listing(folder: Path) -> dict[str, bytes]:
-    """Return all files of a folder but the lock, with their content."""
-    return {
-        str(file.relative_to(folder)): file.read_bytes()
-        for file in sorted(folder.rglob("*"))
-        if file.is_file() and file.name != LOCK
-    }
+from sffr_gym.config.run_folder import CARD, FORMAT, RunFolder
 
 
 def finished_run(folder: Path, kind: str = "evaluation") -> Path:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_panel_reaction import bent, command_of
+from observer import bent, command_of
 
 from sffr_baselines.laws import make_law
 from sffr_baselines.panel_reaction import add_panel_reaction
