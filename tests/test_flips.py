@@ -61,4 +61,4 @@ def test_every_function_of_the_table_has_terms():
     """A function that is renamed or moved would be left out without a word."""
     found = {(flip.file, flip.function) for flip in flips.all_flips()}
     assert {(file, function) for file, functions in flips.TERMS.items() for function in functions} <= found
-    assert flip_terms.TESTS.keys() == flip_terms.LOOP.keys()
+    assert flip_terms.LOOP.keys() <= flip_terms.TESTS.keys() <= flip_terms.TERMS.keys()
