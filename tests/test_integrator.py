@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 from sffr_gym import Params, Simulator, State, load_params
 from sffr_gym.compile.library import load_library
 from sffr_gym.compile.workspace import new_workspace
+from sffr_gym.physics.etdrk4 import _quadratic_forcing, etdrk4_shapes
 from sffr_gym.physics.integrator import INTEGRATORS, advance, step_shapes
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.physics.model import joint_slice, modal, mode_slice
-from sffr_gym.physics.stiff_modes import _jacobi
+from sffr_gym.physics.stiff_modes import _jacobi, _transition
 
 Array = NDArray[np.float64]
 
@@ -165,6 +166,34 @@ def test_coupled_modes_are_turned_into_exact_oscillators() -> None:
     _jacobi(turned, V, 5, 1.0e-13)
     np.testing.assert_allclose(np.sort(np.diag(turned)), np.linalg.eigvalsh(A), rtol=1e-12)
     np.testing.assert_allclose(V.T @ A @ V, np.diag(np.diag(turned)), rtol=0, atol=1e-11)
+
+
+def test_slow_accelerations_that_are_quadratic_in_time_are_integrated_exactly() -> None:
+    """The last stage of a step against polynomials and, for the oscillators, SciPy."""
+    model, rng, h = Simulator(case_study()).model, np.random.default_rng(6), 0.3
+    step: Any = new_workspace(etdrk4_shapes(model))
+    n, n_s = model.at.end, len(model.stiff.omega)
+    times = np.array([0.0, h / 2, h / 2, h])[:, None]
+    slow = [rng.normal(size=(3, size)) for size in (n, n_s)]  # constant, linear, quadratic coefficients
+    step.a[:], step.g[:, :n_s] = (c[0] + c[1] * times + c[2] * times**2 for c in slow)
+    step.z[0], step.zd[0], step.stiff.R[:] = (
+        rng.normal(size=np.shape(x)) for x in (step.z[0], step.zd[0], step.stiff.R)
+    )
+    p, v = rng.normal(size=(2, n))
+    powers = np.array([[h**2 / 2, h**3 / 6, h**4 / 12], [h, h**2 / 2, h**3 / 3]])
+    expected = np.array([p + h * v, v]) + powers @ slow[0]
+    for j in range(n_s):
+        mu2, damping, z, zd, c = 3.0 + j, 0.7, step.z[0, j], step.zd[0, j], slow[1][:, j]
+        _transition(mu2, damping, h / 2, step.stiff.oscillators, j)
+
+        def rates(t: float, x: Array, mu2: float = mu2, damping: float = damping, c: Array = c) -> Array:
+            return np.array([x[1], c[0] + c[1] * t + c[2] * t**2 - damping * x[1] - mu2 * x[0]])
+
+        moved = solve_ivp(rates, (0.0, h), [z, zd], "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        expected += np.outer(moved - [z + h * zd, zd] - powers @ c, step.stiff.R[j])
+    _quadratic_forcing(model, p, v, h, step)
+    assert n_s > 0
+    np.testing.assert_allclose([p, v], expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.skipif(load_library() is None, reason="a million evaluations, too many for the interpreter")

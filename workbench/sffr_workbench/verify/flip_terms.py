@@ -75,7 +75,7 @@ LOOP = {  # file: function: what it computes
 }  # fmt: skip
 CONFIG = "configs/sffr.yaml"
 TERMS = EQUATIONS_OF_MOTION | LOOP
-STEPS = ["test_integrator.py", "-k", "one_step or exact_oscillators"]
+STEPS = ["test_integrator.py", "-k", "one_step or exact_oscillators or slow"]
 PERIOD = [
     "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
     "terminates or info or reward or cost or simulator or momentum",
@@ -134,6 +134,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
     ("apply_decision", "base_off_path(law, obs) / schedule.tolerance"): "it enters as its square",
     ("freeze", "weight * p[stiff.at[k]]"): "amplitudes count from anywhere: what is split off them is given back",
+    ("freeze", "weight * v[stiff.at[k]]"): "rates likewise: steady motion is quadratic forcing, which is exact",
     ("_transition", "rate * duration"): "a cosine is even, and its sine is turned around as a whole",
     ("_transition", "decay * duration"): "of a mode that is critically damped to the last bit",
     ("_on_figure_eight", "2.0 * angle"): "a cosine is even, and its sine is turned around as a whole",
