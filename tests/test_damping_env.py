@@ -228,6 +228,7 @@ def test_batch_equals_single_environments():
 def test_batch_and_single_environment_have_the_same_defaults():
     single, batch = (inspect.signature(kind).parameters for kind in (SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv))
     assert all(batch[name].default == parameter.default for name, parameter in single.items())
+    assert make().action_space == gym.spaces.Box(-1.0, 1.0, (4,), np.float32) == make_damping_envs().single_action_space
 
 
 def test_a_batch_has_one_environment_unless_it_says_otherwise():

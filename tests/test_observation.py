@@ -17,6 +17,7 @@ from sffr_gym.task.reference import desired
 from sffr_gym.task.task_model import make_task_model
 
 N_ACTIONS = 15
+GROUPS = ("piezo", "thruster", "joint")
 # The fields that each row of the environment's table stands for.
 ROWS = [
     ("base_error", "yaw_error", "base_error_rate", "yaw_error_rate"),
@@ -172,6 +173,8 @@ def test_info_of_a_reset_is_the_state(scenario):
     assert info["attitude_error"] == abs(fields["object_angle_error"][0])
     assert info["tip"] == pytest.approx(np.abs(fields["elastic"][[1, 4]]).max(), rel=1e-12)
     assert info["vibration"] > 0.0
+    commands = ["piezo_square", "thrust", "joint_square", *(f"{group}_saturated" for group in GROUPS)]
+    assert not any(info[name] for name in commands)  # nothing has been commanded yet
 
 
 def test_info_without_an_object_is_the_bases_error():
@@ -188,10 +191,10 @@ def test_saturation_is_reported():
     env = SFFRFlexEnv()
     env.reset(seed=0)
     action = np.zeros(N_ACTIONS)
-    assert not any(env.step(action)[4][f"{group}_saturated"] for group in ("piezo", "thruster", "joint"))
+    assert not any(env.step(action)[4][f"{group}_saturated"] for group in GROUPS)
     action[[0, 7, 8, 9]] = [-1.0, 2.0, -1.5, 1.0]
     info = env.step(action)[4]
-    fractions = [info[f"{group}_saturated"] for group in ("piezo", "thruster", "joint")]
+    fractions = [info[f"{group}_saturated"] for group in GROUPS]
     assert fractions == pytest.approx([1 / 6, 2 / 3, 1 / 6])
 
 
@@ -214,6 +217,13 @@ def test_docstring_tables_are_the_spaces():
     for (start, stop, words), limit in zip(spans["action"], limits, strict=True):
         np.testing.assert_array_equal(env.prior_task.scale[start:stop], limit)
         assert f"{limit:g} " in words or "right panel" in words
+
+
+def test_every_number_has_its_unit():
+    """Of a field whose parts have one unit, and of one whose parts repeat theirs for each panel."""
+    fields = SFFRFlexEnv().fields
+    assert all(len(field.units) == field.size for field in fields.values())
+    assert fields["base_error"].units == ["m", "m"] and fields["elastic"].units == ["m", "m", "rad"] * 2
 
 
 def test_observation_is_a_float64_of_its_space_and_nobody_elses():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sffr_baselines import POLICIES, make_policy
-from sffr_baselines.laws import ORACLES
+from sffr_baselines.laws import ORACLES, make_law
 from sffr_baselines.learned import shipped_policies
 from sffr_baselines.policies import check_titles, names_policy, policy_file
 from sffr_baselines.rollout import rollout
@@ -56,6 +56,27 @@ def test_unknown_name_raises(name, nearest):
         make_policy(name, load_params())
     assert (f"did you mean '{nearest}'?" if nearest else "'runs/best' (known") in str(error.value)
     assert all(known in str(error.value) for known in POLICIES)
+
+
+def test_policies_for_the_scheduled_law_are_schedules_and_that_law():
+    """By their names, and by files; whatever commands the actuators, or is unknown, is refused by its name."""
+    env, bare = gym.make("SFFRFlexDamping-v0"), gym.make("SFFRFlex-v0")
+    for name in ("sac", policy_file("sac"), "random", "ahsc"):
+        policy, acts = make_policy(name, env), (4,)
+        assert policy(env.reset(seed=0)[0]).shape == acts
+    assert make_policy(policy_file("sac"), bare)(bare.reset(seed=0)[0]).shape == (15,)
+    with pytest.raises(ConfigError, match=r"hsc commands the actuators of SFFRFlex-v0; .* ahsc \(action 0\)"):
+        make_policy("hsc", env)
+    with pytest.raises(ConfigError, match="unknown policy 'ahcs'; did you mean 'ahsc'"):
+        make_policy("ahcs", env)
+
+
+@pytest.mark.parametrize("name", ["lqr", "mpc", "ppf"])
+def test_laws_that_feed_the_panels_back_do_not_damp_them_twice(name):
+    """What Eq. 20 has beside the virtual damping, they keep, on the coordinates of HSC."""
+    own, hsc = (make_law(law, load_params()).suppression for law in (name, "hsc"))
+    assert not own.B0.any() and not own.Gamma.any() and hsc.B0.any()
+    np.testing.assert_array_equal(own.damped, hsc.damped)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Recordings: what a run folder keeps of an episode of each policy, read as it was written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from report_runs import SEED, run
@@ -9,6 +11,7 @@ from sffr_baselines.rollout import STRIDE, rollout
 from sffr_gym import ConfigError
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.reference import N_REFERENCE
+from sffr_gym.task.scenario import Scenario
 from sffr_workbench.evaluation import open_run
 from sffr_workbench.evaluation.recording import Recording, grasp_forces, recording_files, recording_name
 from sffr_workbench.report import read_run
@@ -50,6 +53,22 @@ def test_grasp_forces_of_any_policy(trajectory, recording):
     blind = trajectory.__class__(**vars(trajectory) | {"lam": np.full_like(trajectory.lam, np.nan)})
     np.testing.assert_allclose(grasp_forces(blind)[1:50], recording.grasp[1:50], rtol=1e-6, atol=1e-9)
     assert np.abs(recording.grasp).max() > 0.01
+
+
+@pytest.mark.parametrize("change", ["object=null", "panel.mounts=[]"])
+def test_a_robot_without_an_object_or_panels_is_recorded_too(change, tmp_path):
+    env = SFFRFlexEnv(Scenario(name="short", description="a test's", duration=0.2), overrides=[change])
+    recording = Recording.of(rollout(env, make_policy("none", env), SEED))
+    (tmp_path / "none.npz").write_bytes(recording.to_bytes())
+    np.testing.assert_allclose(Recording.read(tmp_path / "none.npz").p, recording.p, rtol=1e-6)
+
+
+def test_a_recording_of_no_state_is_none(recording, tmp_path):
+    rows = ("t", "p", "applied", "B_hat", "grasp", "signals")
+    nothing = replace(recording, **{name: getattr(recording, name)[:0] for name in rows})
+    (tmp_path / "none.npz").write_bytes(nothing.to_bytes())
+    with pytest.raises(ConfigError, match="holds no state"):
+        Recording.read(tmp_path / "none.npz")
 
 
 def test_run_folder_has_the_first_episode_of_each_policy(tmp_path):

@@ -89,7 +89,7 @@ def test_compiled_network_decides_as_in_numpy(panels, relu, squash):
     damping, bare, seen, obs = pair(3)
     rng, widths = np.random.default_rng(0), (N_FEATURES * panels, 5, 6, 4, 2 * panels)
     matrices = tuple(0.4 * rng.normal(size=(n_out, n_in)) for n_in, n_out in pairwise(widths))
-    biases = (*(0.4 * rng.normal(size=n) for n in widths[1:-1]), np.tile([0.3, -1.5], panels))  # some beyond the bound
+    biases = (*(0.4 * rng.normal(size=n) for n in widths[1:-1]), np.tile([0.3, -3.0], panels))  # some beyond the bound
     network = Network(matrices, biases, relu, squash)
     schedule = LearnedSchedule.of(network, damping, {})
     obs[bare.fields["yaw_rate"].slice] = 0.0  # whose force is not the damping's
@@ -99,6 +99,7 @@ def test_compiled_network_decides_as_in_numpy(panels, relu, squash):
     decision = schedule.predict(seen)[0].reshape(2, 2)
     np.testing.assert_allclose(scheduled / law, 10.0**decision, rtol=1e-4)
     assert np.ptp(decision) > 0.1 and np.abs(decision).max() <= 1.0
+    assert squash or decision.min() == -1.0
 
 
 def test_exported_schedule_yields_to_the_law_as_in_training(tmp_path):

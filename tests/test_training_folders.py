@@ -12,6 +12,8 @@ import yaml
 from command_line import sffr
 from small_training import PPO_SMALL, small
 
+from sffr_agents.algorithms import make_model
+from sffr_agents.checkpoint import Notes, save_checkpoint
 from sffr_agents.folder import BEST, CHECKPOINTS, CONFIG, PROGRESS
 from sffr_agents.train import resume, train
 from sffr_gym import ConfigError
@@ -245,6 +247,34 @@ def test_a_full_disk_says_what_is_kept(finished, tmp_path, monkeypatch):
     with monkeypatch.context() as patch, pytest.raises(ConfigError, match=r"No space left.*no checkpoint has been"):
         patch.setattr("sffr_agents.train.save_checkpoint", lambda *arguments: (_ for _ in ()).throw(full))
         train(small("ppo"), 3, tmp_path / "other")
+
+
+def test_what_is_trained_again_is_not_finished_until_it_is(run, finished):
+    """Its last checkpoint is damaged: one that is killed on the way is no finished training."""
+
+    def stop(done, total, scores):
+        raise KeyboardInterrupt
+
+    os.truncate(max((run / CHECKPOINTS).iterdir()) / "state.json", 10)
+    with pytest.warns(UserWarning, match="is taken"), pytest.raises(KeyboardInterrupt):
+        resume(run, stop)
+    assert json.loads((run / CARD).read_text())["finished"] is False
+    with pytest.warns(UserWarning, match="is taken"):
+        assert resume(run) == finished[1]
+    assert json.loads((run / CARD).read_text())["finished"] is True
+
+
+def test_a_disk_that_fails_is_told_whatever_else_is_gone(tmp_path, monkeypatch):
+    """The error that ended the checkpoint, not the one of clearing up after it."""
+    trained = make_model(small("ppo"), seed=0)
+
+    def fail(*arguments, **named):
+        shutil.rmtree(tmp_path / CHECKPOINTS)
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("sffr_agents.checkpoint.np.savez", fail)
+    with pytest.raises(OSError, match="Input/output error"):
+        save_checkpoint(tmp_path / CHECKPOINTS, *trained, Notes(), keep=1)
 
 
 def test_a_training_that_diverges_says_so(tmp_path):
