@@ -20,7 +20,9 @@ MODES = [{"mode": 1, "amplitude": [0.05, 0.25]}]
 
 
 def settings(scenario, **changes):
-    return BoundSettings(scenarios=(str(scenario),), **{"episodes": 2, "population": 4, "generations": 3} | changes)
+    return BoundSettings(
+        scenarios=(str(scenario),), **{"episodes": 2, "population": 4, "generations": 3, "spread": 0.5} | changes
+    )
 
 
 def means(scenario, policy, count):
@@ -89,6 +91,15 @@ def test_a_search_goes_on_from_what_it_has_found(short_swing):
     assert near == pytest.approx(cost, rel=1e-4)
     with pytest.raises(ConfigError, match="begins from a linear schedule of 18 inputs and 2 outputs"):
         next(find_bound(settings(short_swing), load_schedule("ppo")))
+
+
+def test_effort_has_the_price_that_is_asked_for(short_swing):
+    """What it costs at thrice the score's price, less the cost at none, is three twentieths of the effort's ratio."""
+    weights = np.random.default_rng(0).normal(size=(4, 2, N_FEATURES + 1))
+    dear, free = (ScenarioEpisodes(short_swing, settings(short_swing, effort_price=price)) for price in (3.0, 0.0))
+    measures, _ = run_episodes(dear.batch, dear._seeds * 4, weights)
+    effort = (measures[2] / dear._usual[2]).mean(axis=1)
+    np.testing.assert_allclose(dear.costs(weights) - free.costs(weights), 0.15 * effort, rtol=1e-9)
 
 
 def test_features_that_are_left_out_stay_at_the_start(short_swing):

@@ -49,7 +49,8 @@ class BoundSettings(Scheduling):
     episodes: int = Field(default=8, ge=1, le=100, description="of each scenario that draws something")
     population: int = Field(default=12, ge=4, le=100, description="candidates of a generation")
     generations: int = Field(default=60, ge=1, le=10_000, description="how many")
-    spread: float = Field(default=0.5, ge=1.0e-6, le=10.0, description="of the first candidates' weights about the law")
+    spread: float = Field(default=0.2, ge=1.0e-6, le=10.0, description="of the first candidates' weights about the law")
+    effort_price: float = Field(default=1.0, ge=0.0, le=1.0e6, description="of the piezos, over its price in the score")
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="of the candidates")
 
 
@@ -68,6 +69,9 @@ class ScenarioEpisodes:
         env = SFFRFlexEnv(scenario)
         env.reset(seed=VALIDATION_SEED)
         self._seeds = [VALIDATION_SEED + k for k in range(settings.episodes if env.episode.drawn else 1)]
+        self._prices = np.array(
+            list((WEIGHTS | {"piezo_effort": settings.effort_price * WEIGHTS["piezo_effort"]}).values())
+        )
         arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
         self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
         reference = _batch(scenario, len(self._seeds), law=REFERENCE)
@@ -80,11 +84,11 @@ class ScenarioEpisodes:
     def costs(self, weights: Array) -> Array:
         """Return the mean cost (population,) of candidates (population, n_actions of a panel, N_FEATURES + 1).
 
-        The score; an episode that fails counts as ten times AHSC's.
+        The score, but for the price of effort; an episode that fails counts as ten times AHSC's.
         """
         measures, failed = run_episodes(self.batch, self._seeds * len(weights), weights)
         ratios = np.where(failed, FAILED, measures / self._usual[:, None, None])
-        return np.asarray(np.tensordot(list(WEIGHTS.values()), ratios, axes=1).mean(axis=1))
+        return np.asarray(np.tensordot(self._prices, ratios, axes=1).mean(axis=1))
 
 
 def _batch(scenario: str, n: int, **arguments: Any) -> SFFRFlexDampingVectorEnv:

@@ -275,5 +275,5 @@ def _propagate(schedule, seen, hidden, decision):
             if layer < last:
                 hidden[layer % 2, row] = max(value, 0.0) if schedule.relu else tanh(value)
             else:
-                decision[row] = tanh(value) if schedule.squash else min(max(value, -1.0), 1.0)
+                decision[row] = tanh(value) if schedule.squash else value
         at += n_out * (n_in + 1)

@@ -48,6 +48,9 @@ def bound_command(
     spread: Annotated[
         float, option("--spread", "Of the first candidates' weights: less where the law is near the best.", "S")
     ] = DEFAULTS.spread,
+    effort_price: Annotated[
+        float, option("--effort-price", "Of the piezos' effort, over its price in the score.", "K")
+    ] = DEFAULTS.effort_price,
     start: Annotated[
         Path | None, option("--start", "Begin from a policy that this command has found.", "FILE", "the law itself")
     ] = None,
@@ -57,7 +60,7 @@ def bound_command(
 ) -> None:
     r"""Search the best linear schedule of a law's damping for some episodes: a bound for what learning can reach there.
 
-    CMA-ES on whole episodes, with the score's own prices. Leaves the best so far after every generation, as a policy
+    CMA-ES on whole episodes, with the score as its aim. Leaves the best so far after every generation, as a policy
     for sffr evaluate and sffr benchmark. Needs the extra [bold]tune[/]: pip install "sffr-gym\[tune]".
     """
     notes, results = consoles(quiet)
@@ -68,7 +71,7 @@ def bound_command(
         settings = check_arguments(
             BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, base_tolerance=base_tolerance,
             features=DEFAULTS.features if feature is None else tuple(feature), episodes=episodes,
-            generations=generations, spread=spread, seed=seed,
+            generations=generations, spread=spread, effort_price=effort_price, seed=seed,
         )  # fmt: skip
         begin = None if start is None else load_schedule(start)
         require("tune", "cma")
