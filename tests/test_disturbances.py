@@ -81,6 +81,16 @@ def test_noise_is_white_and_normal():
     assert np.abs(noise.T @ other / ticks).max() < five_sigma
 
 
+def test_noise_ends_at_each_numbers_own_bounds():
+    """Far larger than these, which differ: every number ends at its lower one and at its upper one."""
+    bound, ends = 1.0 + np.arange(7.0), []
+    for tick in range(200):
+        obs = np.zeros(7)
+        add_noise(Sensing(np.full(7, 1e9), 3, 0, np.zeros(7), 0), tick, bound, obs)
+        ends.append(obs)
+    np.testing.assert_array_equal([np.min(ends, axis=0), np.max(ends, axis=0)], [-bound, bound])
+
+
 def test_noise_reaches_the_observation_alone(user_scenario):
     """Under the same actions all else is that of a clean episode, bit for bit; numbers have the noise of their unit."""
     levels = {"position": 1e-3, "angle": 2e-3, "velocity": 3e-3, "rate": 4e-3}

@@ -191,6 +191,7 @@ def test_noise_levels_follow_the_units(params):
     assert set(late) == {0, 1} and 0.3 < np.mean(late) < 0.7
     assert [episode.drawn["delay_periods"] for episode in found] == late
     assert len({episode.sensing.key for episode in found}) == len(found)
+    assert {(episode.sensing.delay, episode.sensing.key) for episode in episodes(params, "excited")} == {(0, 0)}
 
 
 def test_each_degraded_episode_has_one_fault(params):
