@@ -328,6 +328,11 @@ def test_the_spread_of_actions_is_learned_or_stays(learned):
     assert moved == learned and before.unique().item() == pytest.approx(load_config("ppo").learning.log_std_init)
 
 
+def test_the_learning_rate_falls_from_its_first_value_to_its_last():
+    model, _ = make_model(small("ppo", "learning.learning_rate=4.0e-3", "learning.final_learning_rate=1.0e-3"), seed=0)
+    assert [model.lr_schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([4e-3, 2.5e-3, 1e-3], rel=1e-12)
+
+
 def test_a_training_is_compared_on_the_suites_robots_not_on_its_own(tmp_path):
     """A scenario to train on may have weaker thrusters; those of the comparisons have their own."""
     config = small("ppo", "environment.scenario=practice/rough")
