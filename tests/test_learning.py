@@ -247,6 +247,13 @@ def test_replay_counts_alike_at_any_amplitude():
     np.testing.assert_allclose(samples.discounts, 0.9 * (10.0 + floor) / (100.0 + floor), rtol=1e-5)
 
 
+def test_a_new_table_does_not_read_what_was_there(tmp_path):
+    (tmp_path / PROGRESS).write_text("damaged")
+    log = CsvLog(tmp_path / PROGRESS)
+    log.write({"score/cost": 0.5}, {"score/cost": ()}, 10)
+    assert [row["score/cost"] for row in read_progress(tmp_path / PROGRESS)] == ["0.5"]
+
+
 def test_table_goes_on_after_a_kill_in_the_middle_of_a_row(tmp_path):
     file = tmp_path / PROGRESS
     table = CsvLog(file)

@@ -1,5 +1,6 @@
 """Recordings: what a run folder keeps of an episode of each policy, read as it was written."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,14 @@ def test_a_recording_of_no_state_is_none(recording, tmp_path):
     (tmp_path / "none.npz").write_bytes(nothing.to_bytes())
     with pytest.raises(ConfigError, match="holds no state"):
         Recording.read(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize(("value", "valid"), [(1.0e9, True), (1.001e9, False)])
+def test_numbers_are_as_large_as_a_file_may_say(recording, tmp_path, value, valid):
+    file = tmp_path / "far.npz"
+    file.write_bytes(replace(recording, p=np.full_like(recording.p, value)).to_bytes())
+    with nullcontext() if valid else pytest.raises(ConfigError, match=r"p must be finite, and at most 1e\+09"):
+        assert Recording.read(file).p.max() == value
 
 
 def test_run_folder_has_the_first_episode_of_each_policy(tmp_path):

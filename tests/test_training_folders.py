@@ -264,6 +264,13 @@ def test_what_is_trained_again_is_not_finished_until_it_is(run, finished):
     assert json.loads((run / CARD).read_text())["finished"] is True
 
 
+def test_what_is_finished_is_not_trained_or_compared_again(run, finished, monkeypatch):
+    monkeypatch.delattr("sffr_agents.train.Validator")
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.is_file() and path.name != LOCK}
+    assert resume(run) == finished[1]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
 def test_a_disk_that_fails_is_told_whatever_else_is_gone(tmp_path, monkeypatch):
     """The error that ended the checkpoint, not the one of clearing up after it."""
     trained = make_model(small("ppo"), seed=0)
