@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,9 @@ FIGURE_FILES = (
     "benchmark-intervals.png", "benchmark-profiles.png", "benchmark-differences.png", "benchmark-tradeoff.png"
 )  # fmt: skip
 COLUMNS = 5  # of the grid of scenarios
+BESIDE = 13  # policies beside each other
+MARKERS = "osD^vP"
+NARROWEST = 6.5  # inches, in which the words below a figure find room
 EDGE = 1.25  # cost beyond which an interquartile mean is written instead of drawn
 RESAMPLES = 500  # of the profiles
 NEAR = 1.6  # cost up to which they are shown at large
@@ -45,8 +49,8 @@ def intervals(scores: SuiteScores) -> Figure:
     groups = {"all scenarios": scores.overall} | (scores.single if len(scores.scenarios) > 1 else {})
     columns = min(COLUMNS, len(groups))
     rows = -(-len(groups) // columns)
-    figure = Figure(figsize=(2.0 * columns + 1.2, 0.55 + rows * (0.55 + 0.2 * len(scores.policies))))
-    figure.set_layout_engine("constrained")
+    size = max(2.0 * columns + 1.2, NARROWEST), 0.55 + rows * (0.55 + 0.2 * len(scores.policies))
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = policy_colours(scores.policies)
     for axes, (title, group) in zip(grid.flat, groups.items(), strict=False):
@@ -95,10 +99,13 @@ def differences(scores: SuiteScores) -> Figure:
     from matplotlib.figure import Figure
 
     policies = [policy for policy in scores.policies if policy != REFERENCE] or [REFERENCE]
-    figure = Figure(figsize=(1.3 + 1.9 * len(policies), 0.9 + 0.34 * len(scores.scenarios)), layout="constrained")
-    grid = figure.subplots(1, len(policies), sharey=True, squeeze=False)[0]
+    rows = -(-len(policies) // BESIDE)
+    columns = -(-len(policies) // rows)
+    size = max(1.3 + 1.9 * columns, NARROWEST), 0.3 + rows * (0.6 + 0.34 * len(scores.scenarios))
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     colours = policy_colours(scores.policies)
-    for axes, policy in zip(grid, policies, strict=True):
+    for axes, policy in zip(grid.flat, policies, strict=False):
         axes.set_title(plain(policy))
         axes.axvline(0.0, color="#555555", linewidth=0.8, zorder=1.0)
         for row, scenario in enumerate(scores.scenarios):
@@ -107,8 +114,10 @@ def differences(scores: SuiteScores) -> Figure:
             _bar(axes, row - 0.12, scores.single[scenario][policy].difference, colours[policy])
         axes.margins(x=0.12)
         axes.locator_params(axis="x", nbins=3)
-    grid[0].set_yticks(range(len(scores.scenarios)), list(map(plain, scores.scenarios)))
-    grid[0].set_ylim(len(scores.scenarios) - 0.4, -0.6)
+    for axes in grid.flat[len(policies) :]:
+        axes.set_visible(False)
+    grid[0, 0].set_yticks(range(len(scores.scenarios)), list(map(plain, scores.scenarios)))
+    grid[0, 0].set_ylim(len(scores.scenarios) - 0.4, -0.6)
     figure.supxlabel(
         "cost less AHSC's on the same episode: episodes (dots), interquartile mean, 95 % interval", fontsize=9
     )
@@ -124,18 +133,19 @@ def tradeoff(scores: SuiteScores) -> Figure:
 
     columns = min(COLUMNS, len(scores.scenarios))
     rows = -(-len(scores.scenarios) // columns)
-    figure = Figure(figsize=(2.0 * columns + 1.0, 1.0 + 1.8 * rows), layout="constrained")
+    side = 2.0 if columns == COLUMNS else 3.6 if columns > 1 else 6.5
+    figure = Figure(figsize=(side * columns + 1.0, 1.6 + 0.8 * side * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = policy_colours(scores.policies)
+    markers = _markers(colours, scores.policies)
     for axes, scenario in zip(grid.flat, scores.scenarios, strict=False):
         axes.set_title(plain(scenario))
         axes.axhline(1.0, color="#BBBBBB", linewidth=0.8, zorder=1.0)
         axes.axvline(1.0, color="#BBBBBB", linewidth=0.8, zorder=1.0)
-        for k, policy in enumerate(scores.policies):
+        for policy in scores.policies:
             ratios = scores.single[scenario][policy].ratios
-            marker = "osD^vP"[k % 6]
             axes.plot(
-                [ratios["piezo_effort"]], [ratios["vibration"]], marker, color=colours[policy], markersize=5.0,
+                [ratios["piezo_effort"]], [ratios["vibration"]], markers[policy], color=colours[policy], markersize=5.0,
                 alpha=0.85, label=plain(policy), zorder=3.0,
             )  # fmt: skip
     for axes in grid.flat[len(scores.scenarios) :]:
@@ -146,6 +156,16 @@ def tradeoff(scores: SuiteScores) -> Figure:
     figure.supxlabel("piezo effort relative to AHSC's", fontsize=9)
     figure.supylabel("vibration relative to AHSC's", fontsize=9)
     return legend(figure, grid[0, 0])
+
+
+def _markers(colours: dict[str, str], policies: Sequence[str]) -> dict[str, str]:
+    """Return a marker for each policy, another one wherever a colour comes again."""
+    found: dict[str, str] = {}
+    for k, policy in enumerate(policies):
+        used = {found[other] for other in found if colours[other] == colours[policy]}
+        turned = MARKERS[k % len(MARKERS) :] + MARKERS[: k % len(MARKERS)]
+        found[policy] = next((marker for marker in turned if marker not in used), turned[0])
+    return found
 
 
 def _bar(axes: Axes, height: float, estimate: Estimate, colour: str) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 DPI = 150
 LONGEST, SHORT = 40, 16  # letters of a user's name of a run's part and of a robot's; the middle of longer ones is cut
-WIDTH = 120  # letters of a legend beside each other
+INCHES, WIDTH = 10.0, 120  # of a figure, and letters of its legend beside each other
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 POLICY_COLOURS = {
     "none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7",
@@ -114,9 +114,10 @@ def plain(name: str, most: int = LONGEST) -> str:
     return f" {line}".replace("$", "\\$") if line.startswith("_") else line.replace("$", "\\$")
 
 
-def legend_columns(labels: Sequence[str]) -> int:
-    """Return how many entries of a legend stand beside each other."""
-    return min(len(labels), max(WIDTH // (6 + max(map(len, labels), default=0)), 1))
+def legend_columns(labels: Sequence[str], inches: float = INCHES) -> int:
+    """Return how many entries of a legend stand beside each other in a figure so wide, up to the usual width."""
+    letters = int(WIDTH * min(inches / INCHES, 1.0))
+    return min(len(labels), max(letters // (6 + max(map(len, labels), default=0)), 1))
 
 
 def png(figure: Figure) -> bytes:
@@ -133,14 +134,16 @@ def canvas(rows: int, columns: int, height: float, **sharing: Any) -> tuple[Figu
     """Return a figure of the usual width and its axes (rows, columns)."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, height), layout="constrained")
+    figure = Figure(figsize=(INCHES, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
 
 
 def legend(figure: Figure, axes: Axes, **options: Any) -> Figure:
     """Put one legend above everything, of the lines in ``axes``."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels), **options)
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=legend_columns(labels, figure.get_figwidth()), **options
+    )
     align_labels(figure)
     return figure
 
