@@ -40,12 +40,12 @@ verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Ex
 results: $(VENV)/.run ## the benchmark of all baselines; docs/results.md, docs/leaderboard.json and their figures
 	$(BIN)/sffr benchmark --docs docs
 
-train: $(VENV)/.dev ## PPO and SAC with five seeds each (an hour), and their scores and figures; what is there goes on
-	@for algo in ppo sac; do for seed in 0 1 2 3 4; do \
+train: $(VENV)/.dev ## PPO, SAC, TQC and CrossQ with five seeds each (two hours), their scores and figures; what is there goes on
+	@for algo in ppo sac tqc crossq; do for seed in 0 1 2 3 4; do \
 		out=runs/train/$$algo-$$seed; \
 		$(BIN)/sffr train --algo $$algo --seed $$seed --out $$out $$(test -e $$out/train.json && echo --resume) || exit; \
 	done; done
-	$(BIN)/sffr curves runs/train/* --out docs/images/learning.png --overwrite
+	$(BIN)/sffr curves runs/train/ppo-* runs/train/sac-* --out docs/images/learning.png --overwrite
 	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --out runs/train-scores
 	$(BIN)/sffr benchmark ahsc hsc-tuned runs/train/*/best.npz --scenario excited --episodes 100 --out runs/train-excited
 	$(BIN)/sffr seeds runs/train-scores
