@@ -15,14 +15,15 @@ from sffr_gym.task.signals import N_SIGNALS, measure_state
 from sffr_gym.task.task_model import make_task_model
 
 SLEW = ["path.turn=1.0", "path.time=12.0", "path.displacement=[1.0, 0.5]"]
+SLANTED = "panel.mounts=[{name: a, root: [0.1, 0.5], angle: 1.2}, {name: b, root: [-0.2, -0.5], angle: -2.1}]"
 TURNED = "initial.q=[0.1, 0.2, 0.4, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]"
 
 
 @pytest.fixture(params=["fixed circle", "tangent circle", "fixed figure-eight", "fixed slew"])
 def moving(request, params):
-    """Return a robot whose base starts turned, its arrays, and its desired motion from somewhere on the path."""
+    """Return a robot, its base turned and its panels at angles, its arrays, and its motion from somewhere on the path."""
     heading, kind = request.param.split()
-    changes = [f"path.heading={heading}", f"path.kind={kind}", TURNED, *SLEW, "panel.bending_cut=1.0e+6"]
+    changes = [f"path.heading={heading}", f"path.kind={kind}", TURNED, SLANTED, *SLEW, "panel.bending_cut=1.0e+6"]
     robot: Params = params.with_overrides(*changes)
     model = pack(robot)
     return robot, model, path_reference(robot, model, initial_positions(robot, model)[0], phase=0.7)
