@@ -21,7 +21,7 @@ TURNED = "initial.q=[0.1, 0.2, 0.4, 0.6, 4.2, 5.6, 2.1, 0.4, 0.1]"
 
 @pytest.fixture(params=["fixed circle", "tangent circle", "fixed figure-eight", "fixed slew"])
 def moving(request, params):
-    """Return a robot, its base turned and its panels at angles, its arrays, and its motion from somewhere on the path."""
+    """Return a robot, its base turned and its panels at angles, its arrays, and its motion along a path."""
     heading, kind = request.param.split()
     changes = [f"path.heading={heading}", f"path.kind={kind}", TURNED, SLANTED, *SLEW, "panel.bending_cut=1.0e+6"]
     robot: Params = params.with_overrides(*changes)
