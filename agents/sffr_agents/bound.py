@@ -69,9 +69,8 @@ class ScenarioEpisodes:
         env = SFFRFlexEnv(scenario)
         env.reset(seed=VALIDATION_SEED)
         self._seeds = [VALIDATION_SEED + k for k in range(settings.episodes if env.episode.drawn else 1)]
-        self._prices = np.array(
-            list((WEIGHTS | {"piezo_effort": settings.effort_price * WEIGHTS["piezo_effort"]}).values())
-        )
+        prices = WEIGHTS | {"piezo_effort": settings.effort_price * WEIGHTS["piezo_effort"]}
+        self._prices = list(prices.values())
         arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
         self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
         reference = _batch(scenario, len(self._seeds), law=REFERENCE)

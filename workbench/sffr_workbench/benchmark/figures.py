@@ -133,7 +133,7 @@ def tradeoff(scores: SuiteScores) -> Figure:
 
     columns = min(COLUMNS, len(scores.scenarios))
     rows = -(-len(scores.scenarios) // columns)
-    side = 2.0 if columns == COLUMNS else 3.6 if columns > 1 else 6.5
+    side = max(2.0, NARROWEST / columns)
     figure = Figure(figsize=(side * columns + 1.0, 1.6 + 0.8 * side * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = policy_colours(scores.policies)
