@@ -177,7 +177,7 @@ class Renderer:
     def _draw_title(self, canvas: Canvas, snapshot: Snapshot, swing: Array) -> None:
         u, right = self._u, self.style.size - 14 * self._u
         canvas.text((14 * u, 20 * u), self.title, 24 * u, self.style.colour)
-        below = "   ".join(text for text in (self.subtitle, f"t = {snapshot.t:.1f} s") if text)
+        below = " · ".join(text for text in (self.subtitle, f"t = {snapshot.t:.1f} s") if text)
         canvas.text((14 * u, 42 * u), below, 13 * u, FAINT)
         if swing.size:
             canvas.text((right, 20 * u), f"{1000.0 * np.ptp(swing, axis=0).max():.0f} mm", 24 * u, INK, "rm")

@@ -196,7 +196,7 @@ class Movie:
 
         def renderer(trajectory: Trajectory, style: Style) -> Renderer:
             title = TITLES.get(trajectory.policy, trajectory.policy)
-            subtitle = f"{trajectory.scenario}   {options.speed:g}x real time"
+            subtitle = f"{trajectory.scenario} · {options.speed:g}x real time"
             own = style._replace(colour=_brightened(colours[trajectory.policy]))
             return Renderer(trajectory.episode.plant, trajectory.reference, title, subtitle, own)
 
