@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from project import ROOT
 from typer.testing import CliRunner
 
 from sffr_agents.bound import BoundSettings, ScenarioEpisodes, _batch, find_bound, run_episodes
@@ -100,6 +101,11 @@ def test_effort_has_the_price_that_is_asked_for(short_swing):
     measures, _ = run_episodes(dear.batch, dear._seeds * 4, weights)
     effort = (measures[2] / dear._usual[2]).mean(axis=1)
     np.testing.assert_allclose(dear.costs(weights) - free.costs(weights), 0.15 * effort, rtol=1e-9)
+
+
+def test_the_first_candidates_spread_is_the_documents():
+    text = (ROOT / "docs" / "agents.md").read_text(encoding="utf-8")
+    assert f"with the {BoundSettings().spread} of now" in text
 
 
 def test_features_that_are_left_out_stay_at_the_start(short_swing):

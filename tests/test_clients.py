@@ -5,7 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from project import ROOT
+
+from sffr_agents.config import load_config
 
 sys.path.insert(0, str(Path(__file__).parent / "clients"))
 import cleanrl_script
@@ -32,6 +35,21 @@ def test_a_client_has_a_page_with_programs(name):
     text = (run.PAGES / f"{name}.md").read_text(encoding="utf-8")
     assert run.BLOCK.findall(text)
     assert f"\n{name}\n" in (run.PAGES / "index.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("algo", "same"),
+    [
+        ("ppo", {"n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef"}),
+        ("sac", {"learning_starts", "batch_size", "buffer_size", "gamma", "tau", "train_freq", "gradient_steps"}),
+    ],
+)
+def test_the_zoos_hyperparameters_are_those_of_the_shipped_training(algo, same):
+    """As its files say, but for what only sffr train has and what the number of environments changes."""
+    zoo = yaml.safe_load((ROOT / "configs" / "zoo" / f"{algo}.yml").read_text(encoding="utf-8"))["SFFRFlexDamping-v0"]
+    own = load_config(algo).learning
+    assert {name: zoo[name] for name in same} == {name: getattr(own, name) for name in same}
+    assert float(zoo["learning_rate"].removeprefix("lin_")) == own.learning_rate
 
 
 def test_the_table_is_of_known_clients_and_nothing_failed():
