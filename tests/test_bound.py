@@ -117,6 +117,17 @@ def test_features_that_are_left_out_stay_at_the_start(short_swing):
     assert (further.network.biases[0] != bias).all()
 
 
+def test_a_search_with_a_memory_sees_earlier_observations(short_swing):
+    """Its first candidates spread over all of them; features that are left out, are left out of each."""
+    wide = settings(short_swing, stack_size=3, generations=1, features=("mode1_rate",))
+    ((schedule, cost),) = find_bound(wide)
+    (matrix,) = schedule.network.matrices
+    assert np.flatnonzero(matrix.any(axis=0)).tolist() == [1, 1 + N_FEATURES, 1 + 2 * N_FEATURES]
+    assert schedule.stack_size == 3 and np.isfinite(cost)
+    with pytest.raises(ConfigError, match="begins from a linear schedule of 54 inputs and 2 outputs"):
+        next(find_bound(wide, load_schedule("ppo")))
+
+
 def test_a_law_that_pushes_is_searched_likewise(short_swing):
     ((schedule, cost),) = find_bound(settings(short_swing, law="lqr-ff", generations=1))
     assert schedule.action_names == ("left_feedback", "left_reaction", "right_feedback", "right_reaction")

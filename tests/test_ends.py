@@ -48,6 +48,7 @@ NUMBERS = {
         "steps": STEPS, "n_envs": (1, 100_000), "validation.episodes": (1, 1000), "validation.every": STEPS,
         "checkpoints.every": STEPS, "checkpoints.keep": (1, 1000), "environment.rho": (1.0, 1000.0),
         "environment.agent_period": (1e-6, 10.0), "environment.base_tolerance": (1e-9, 1000.0),
+        "environment.stack_size": (1, 100),
         "learning.learning_rate": (1e-12, 1.0), "learning.final_learning_rate": (0.0, 1.0),
         "learning.gamma": (1e-9, 1.0), "learning.n_steps": SAMPLES, "learning.batch_size": SAMPLES,
         "learning.n_epochs": (1, 1000), "learning.gae_lambda": (0.0, 1.0), "learning.clip_range": (1e-6, 10.0),

@@ -48,12 +48,17 @@ def test_export_decides_as_torch_does(algo, change, tmp_path):
     np.testing.assert_allclose(schedule.predict(obs)[0], expected.reshape(50, 4), atol=1e-6)
 
 
-def test_compiled_loop_acts_as_the_policy_in_the_environment(tmp_path):
-    model, env = make_model(load_config("ppo", PPO_SMALL), seed=0)
+@pytest.mark.parametrize("stack_size", [1, 4])
+@pytest.mark.parametrize("per_panel", [True, False])
+def test_compiled_loop_acts_as_the_policy_in_the_environment(stack_size, per_panel, tmp_path):
+    changes = [f"environment.stack_size={stack_size}", f"network.per_panel={per_panel}"]
+    model, env = make_model(load_config("ppo", [*PPO_SMALL, *changes]), seed=0)
     with torch.no_grad():
         model.policy.action_net[0].weight *= 100.0  # else it hardly acts
-    schedule = LearnedSchedule.of(network_of(model), env.unwrapped.env, {})
-    arguments = {"rho": schedule.rho, "base_tolerance": schedule.base_tolerance}
+    save_schedule(tmp_path / "policy.npz", LearnedSchedule.of(network_of(model), env.unwrapped.env, {}))
+    schedule = load_schedule(tmp_path / "policy.npz")
+    assert schedule.stack_size == stack_size
+    arguments = {name: getattr(schedule, name) for name in ("rho", "base_tolerance", "stack_size")}
     damping = SFFRFlexDampingEnv(duration=1.0, random_phase=False, **arguments)
     bare = SFFRFlexEnv(damping._distribution(damping.scenario))
     policy = schedule.policy(bare.params)

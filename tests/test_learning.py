@@ -26,7 +26,7 @@ from sffr_agents.progress import read_progress
 from sffr_agents.train import resume, train
 from sffr_agents.validation import hash_of_suite
 from sffr_baselines.learned import load_schedule
-from sffr_baselines.schedule import N_FEATURES
+from sffr_baselines.schedule import LOG_AMPLITUDE, N_FEATURES
 from sffr_gym import ConfigError, load_params
 from sffr_workbench.cli.app import app
 
@@ -181,9 +181,9 @@ def test_errors_of_the_user_are_named(arguments, message):
 @pytest.mark.parametrize(
     ("algo", "defaults", "shipped"),
     [
-        ("ppo", "2b0f2c3aee3ce03f", "ac4299588b545c8d"), ("sac", "2cf769a43ad549bc", "805074503b9ccd93"),
-        ("td3", "5bca908fd3782f1b", "34940e361fb567d1"), ("tqc", "ac4035cd4a111107", "a7eec225cdaa6fd3"),
-        ("crossq", "bab8d86ef92be322", "dfaf2ca9b0158dc1"),
+        ("ppo", "41e36de33bcb05a1", "fd842af2c0db67ec"), ("sac", "bb16ff5f65344e34", "3e818edb4397cf4a"),
+        ("td3", "85106cb5df54c11b", "488448451c1832c1"), ("tqc", "c0259f4480587960", "2ff557b28ae02dab"),
+        ("crossq", "34e70fdfa9309779", "4e310f5e8f7bd864"),
     ],
 )  # fmt: skip
 def test_configurations_are_valid_and_what_trainings_were_named_by(algo, defaults, shipped):
@@ -230,6 +230,31 @@ def test_energy_scaling_is_what_the_configuration_says(algo, scaled):
         model.replay_buffer.add(obs, obs, actions, np.full(4, -50.0), np.zeros(4), [{}] * 4)
         learned = model.replay_buffer.sample(8).rewards
     np.testing.assert_allclose(learned, -50.0 / (100.0 + energy_scaling.FLOOR) if scaled else -50.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_energy_is_that_of_the_newest_observation(algo):
+    """With a memory: older observations tell other energies, by which nothing is divided."""
+    model, env = make_model(small(algo, "environment.stack_size=3"), seed=0)
+    obs = np.zeros((4, 3, N_FEATURES), np.float32)
+    obs[:, :, LOG_AMPLITUDE] = [1.0, -1.0, 0.5]
+    obs, actions, unit = obs.reshape(4, -1), np.zeros((4, 2), np.float32), 100.0 + energy_scaling.FLOOR
+    assert env.observation_space.shape == (3 * N_FEATURES,)
+    if algo == "ppo":
+        seen = torch.as_tensor(obs)
+        critic = ActorCriticPolicy.predict_values(model.policy, seen)
+        for values in (model.policy.predict_values(seen), model.policy(seen)[1]):
+            torch.testing.assert_close(values, critic * unit)
+        for _ in range(8):
+            model.rollout_buffer.add(obs, actions, np.full(4, -50.0), np.zeros(4), torch.zeros(4), torch.zeros(4))
+        model.rollout_buffer.compute_returns_and_advantage(torch.zeros(4), np.zeros(4))
+        learned = model.rollout_buffer.returns[-1]
+    else:
+        model.replay_buffer.add(obs, 0.0 * obs, actions, np.full(4, -50.0), np.zeros(4), [{}] * 4)
+        samples = model.replay_buffer.sample(8)
+        learned = samples.rewards
+        np.testing.assert_allclose(samples.discounts, 0.98 * (1.0 + energy_scaling.FLOOR) / unit, rtol=1e-5)
+    np.testing.assert_allclose(learned, -50.0 / unit, rtol=1e-5)
 
 
 def test_replay_counts_alike_at_any_amplitude():

@@ -133,6 +133,21 @@ def test_numbers_of_numpy_are_numbers():
         ),
         ("ppo", ["network.hidden=[2048, 2048]"], r"hidden = .* makes a network of 33.9 MB, at most 16"),
         ("ppo", ["environment.overrides=[panel.EI=-1]"], r"override 'panel.EI=-1': panel.EI = -1: must be at least"),
+        (
+            "ppo",
+            ["network.hidden=[1000, 1000]", "environment.stack_size=100", "network.per_panel=false"],
+            r"hidden = .* makes a network of 36.8 MB, at most 16",
+        ),
+        (
+            "ppo",
+            ["environment.stack_size=100", "learning.n_steps=1000"],
+            r"an update would take 1.3e\+05 samples, at most 1e\+05 with environment.stack_size = 100",
+        ),
+        (
+            "sac",
+            ["environment.stack_size=11"],
+            r"buffer_size = 1000000: must be at most 909090 with environment.stack_size = 11",
+        ),
         ("sac", ["steps=10000"], r"learning_starts = 10000: must be less than steps = 10000, or nothing is learned"),
     ],
 )

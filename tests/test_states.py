@@ -102,6 +102,25 @@ def test_a_state_of_another_law_is_refused(kind, other):
     assert_refused(make(kind), make(kind, **other).get_state(), "of another robot or law: state.law is")
 
 
+@pytest.mark.parametrize("kind", ["damping", "damping vector"])
+def test_a_state_of_another_memory_is_refused(kind):
+    """It has other observations."""
+    message = r"state\.damping\.law\.seen: must have the shape \(\d, 36\), has \(\d, 72\)"
+    assert_refused(make(kind), make(kind, stack_size=2).get_state(), message)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_path_that_stands_still_is_observed(kind, column):
+    """A state whose circle has no radius, or no rate: its acceleration turns with no velocity."""
+    env = make(kind)
+    state = env.get_state()
+    state["batch"].reference[:, column] = 0.0
+    env.set_state(state)
+    obs, reward, *_ = env.step(np.zeros(env.action_space.shape))
+    assert obs in env.observation_space and np.isfinite(reward).all()
+
+
 @pytest.mark.parametrize("state", [None, 3, [], {}, {"batch": None}, "state"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_state_is_refused(kind, state):
@@ -119,7 +138,7 @@ BATCH = {  # values that a field of the batch cannot have
 DAMPING = {
     "law.B_hat": [-1.0, NAN], "law.factor": [-1.0, np.inf], "law.share": [-0.1, 1.5, NAN], "law.demand": [-1.0, np.inf],
     "law.integral": [1e300, NAN], "law.errors": [NAN],
-    "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "features": [1e3, NAN], "price": [NAN], "end": [-1, HUGE],
+    "law.late": [2.0, NAN], "law.age": [-1.0, np.inf], "law.seen": [1e3, NAN], "price": [NAN], "end": [-1, HUGE],
 }  # fmt: skip
 
 

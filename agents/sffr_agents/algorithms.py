@@ -48,15 +48,18 @@ def make_model(config: TrainConfig, seed: int) -> tuple[BaseAlgorithm, VecMonito
     }
     settings["learning_rate"] = _linear_schedule(settings["learning_rate"], settings.pop("final_learning_rate"))
     policy: Any = "MlpPolicy"
+    stacked = {"stack_size": config.environment.stack_size}
     by_energy = settings.pop("energy_scaling")
     if config.algo == "ppo":
         network |= {name: settings.pop(name) for name in ("log_std_init", "learn_spread")}
         policy = SchedulePolicy
         if by_energy:
             policy, settings["rollout_buffer_class"] = EnergyPolicy, EnergyRolloutBuffer
+            settings["rollout_buffer_kwargs"] = stacked
+            network |= stacked
     elif by_energy:
         settings["replay_buffer_class"] = EnergyReplayBuffer
-        settings["replay_buffer_kwargs"] = {"gamma": settings["gamma"]}
+        settings["replay_buffer_kwargs"] = {"gamma": settings["gamma"]} | stacked
     if config.algo in ADAPT_ENTROPY:
         settings["ent_coef"] = f"auto_{settings['ent_coef']}"
     if config.algo == "td3":

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field
 from sffr_agents.config import VALIDATION_SEED
 from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_baselines.learned import LearnedSchedule, Network
-from sffr_baselines.schedule import FEATURES, N_FEATURES
+from sffr_baselines.schedule import FEATURES
 from sffr_baselines.scheduled import Scheduling
 from sffr_gym.config.ranges import LARGEST_SEED
 from sffr_gym.config.strict_yaml import ConfigError, check_error
@@ -74,14 +74,14 @@ class ScenarioEpisodes:
         arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
         self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
         reference = _batch(scenario, len(self._seeds), law=REFERENCE)
-        panels = len(reference.action_names) // reference.params.n_panels, N_FEATURES + 1
+        panels = _shape(reference)
         measures, failed = run_episodes(reference, self._seeds, np.zeros((1, *panels)))
         self._usual = measures.mean(axis=(1, 2))
         if failed.any() or not (self._usual > 0.0).all():
             raise ConfigError(f"{scenario}: AHSC fails there, or leaves nothing that a cost could be relative to")
 
     def costs(self, weights: Array) -> Array:
-        """Return the mean cost (population,) of candidates (population, n_actions of a panel, N_FEATURES + 1).
+        """Return the mean cost (population,) of candidates (population, n_actions of a panel, n_f + 1).
 
         The score, but for the price of effort; an episode that fails counts as ten times AHSC's.
         """
@@ -99,19 +99,24 @@ def _batch(scenario: str, n: int, **arguments: Any) -> SFFRFlexDampingVectorEnv:
     )  # fmt: skip
 
 
+def _shape(batch: SFFRFlexDampingVectorEnv) -> tuple[int, int]:
+    """Return the sizes of a linear schedule of a panel: actions, and what it sees with the bias."""
+    return len(batch.action_names) // batch.params.n_panels, len(batch.obs_names) // batch.params.n_panels + 1
+
+
 def run_episodes(batch: SFFRFlexDampingVectorEnv, seeds: Sequence[int], weights: Array) -> tuple[Array, Mask]:
     """Run linear schedules from start to end.
 
     Args:
         batch: an environment for each of ``seeds``, the first ones for the first schedule.
         seeds: of the episodes.
-        weights: (schedules, n_actions of a panel, N_FEATURES + 1).
+        weights: (schedules, n_actions of a panel, n_f + 1), for the ``n_f`` numbers that are seen of a panel.
 
     Returns:
         What the score counts, in the order of its weights (3, schedules, episodes): mean energy [J] and root mean
         square error [m], both taken after every action, and effort [V2 s]; and which episodes failed.
     """
-    shape = (len(weights), -1, batch.params.n_panels, N_FEATURES)
+    shape = (len(weights), -1, batch.params.n_panels, weights.shape[-1] - 1)
     obs, _ = batch.reset(seed=list(seeds))
     energy, square, effort, steps = np.zeros((4, len(seeds)))
     running, failed = np.ones((2, len(seeds)), dtype=np.bool_)
@@ -154,10 +159,10 @@ def find_bound(
                 f"{name}: has the actions {', '.join(other.batch.action_names)}, where {settings.scenarios[0]} has "
                 f"{', '.join(batch.action_names)}: search for each by itself"
             )
-    shape = (len(batch.action_names) // batch.params.n_panels, N_FEATURES + 1)
+    shape = _shape(batch)
     options = {"popsize": settings.population, "seed": settings.seed + 1, "verbose": -9}
     first = _weights(start, shape)
-    free = np.append(np.isin(NAMES, settings.features), True)  # the bias always
+    free = np.append(np.tile(np.isin(NAMES, settings.features), settings.stack_size), True)  # the bias always
     strategy = cma.CMAEvolutionStrategy(first[:, free].ravel(), settings.spread, options)
     for _ in range(settings.generations):
         candidates = strategy.ask()
@@ -177,7 +182,7 @@ def _with_columns(weights: Array, free: Mask, values: Array) -> Array:
 
 
 def _weights(start: LearnedSchedule | None, shape: tuple[int, int]) -> Array:
-    """Return what a search begins from, (n_actions of a panel, N_FEATURES + 1): matrix and bias; raises ConfigError."""
+    """Return what a search begins from, (n_actions of a panel, n_f + 1): matrix and bias; raises ConfigError."""
     if start is None:
         return np.zeros(shape)
     network = start.network

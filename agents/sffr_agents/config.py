@@ -10,7 +10,7 @@ import os
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, create_model, field_validator
+from pydantic import Field, create_model
 
 from sffr_baselines.damping_env import DURATION
 from sffr_baselines.learned import MOST_WEIGHTS
@@ -24,7 +24,6 @@ from sffr_gym.config.strict_yaml import (
     Where,
     apply_overrides,
     build,
-    check_error,
     find_config,
     read_mapping,
 )
@@ -68,17 +67,6 @@ class NetworkShape(Section):
     )
     activation: Literal["tanh", "relu"] = Field(default="tanh", description="of the hidden layers")
     per_panel: bool = Field(default=True, description="one network serves each panel by itself")
-
-    @field_validator("hidden", "actor")
-    @classmethod
-    def _check_size(cls, hidden: tuple[int, ...] | None) -> tuple[int, ...] | None:
-        """Keep a network small enough to be learned, with its optimiser and critics, and read again as a policy."""
-        if hidden is None:
-            return None
-        size, most = 8 * sum(map(math.prod, itertools.pairwise((N_FEATURES, *hidden, 1)))), MOST_WEIGHTS // 2
-        if size > most:
-            raise check_error(f"makes a network of {size / 1e6:.3g} MB, at most {most / 1e6:g}: take narrower layers")
-        return hidden
 
 
 class Validation(Section):
@@ -199,12 +187,17 @@ def load_config(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ConfigError: for a file, a key or a value that is not valid.
     """
     data, where = read_mapping(find_config(name, folder="train"))
-    return _with_enough_samples(build_section(_model(data, where), data, where, overrides), where)
+    model = _model(data, where)
+    config = build(model, data, where)
+    if overrides:
+        data, where = apply_overrides(config.model_dump(mode="json"), overrides)
+        config = build(model, data, where)
+    return _feasible(config, where)
 
 
 def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
     """Return the configuration that a run folder keeps; raises ConfigError if it is not valid."""
-    return _with_enough_samples(build(_model(data, where), data, where), where)
+    return _feasible(build(_model(data, where), data, where), where)
 
 
 def build_section(model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]) -> SectionT:
@@ -213,37 +206,63 @@ def build_section(model: type[SectionT], data: dict[str, Any], where: Where, ove
     return build(model, *apply_overrides(section.model_dump(mode="json"), overrides)) if overrides else section
 
 
-def _with_enough_samples(config: TrainConfig, where: Where) -> TrainConfig:
-    """Return the configuration if its updates have the samples that they take, and no more than there is memory for.
+def _feasible(config: TrainConfig, where: Where) -> TrainConfig:
+    """Return the configuration if there is memory for it, and its updates have the samples that they take.
 
     Raises:
         ConfigError: if not, or for an override of the environment that is not valid.
     """
-    learning = config.learning
     try:
         panels = config.environment.robot().n_panels
     except ConfigError as error:
         place = f"{where(('environment', 'overrides'))}: environment.overrides"
         raise ConfigError("\n".join(f"{place}: {line}" for line in str(error).splitlines())) from None
+    _check_networks(config, panels, where)
+    _check_samples(config, panels, where)
+    return config
+
+
+def _check_networks(config: TrainConfig, panels: int, where: Where) -> None:
+    """Reject networks too large to be learned, with optimiser and critics, or read as a policy; raises ConfigError."""
+    inputs = N_FEATURES * config.environment.stack_size * (1 if config.network.per_panel else panels)
+    most = MOST_WEIGHTS // 2
+    for key, layers in (("hidden", config.network.hidden), ("actor", config.network.actor or ())):
+        size = 8 * sum(map(math.prod, itertools.pairwise((inputs, *layers, 1))))
+        if size > most:
+            raise ConfigError(
+                f"{where(('network', key))}: network.{key} = {list(layers)}: makes a network of {size / 1e6:.3g} MB, "
+                f"at most {most / 1e6:g}: take narrower layers"
+            )
+
+
+def _check_samples(config: TrainConfig, panels: int, where: Where) -> None:
+    """Reject more samples than there is memory for, or fewer than an update takes; raises ConfigError."""
+    learning, stack = config.learning, config.environment.stack_size
+    most, place = MOST_SAMPLES // stack, where(("learning",))
+    stacked = f" with environment.stack_size = {stack}" if stack > 1 else ""
     if isinstance(learning, PPOSettings):
         samples = learning.n_steps * config.n_envs * (panels if config.network.per_panel else 1)
         each = f"learning.n_steps = {learning.n_steps} of n_envs = {config.n_envs}, of {panels} panels by per_panel"
-        if samples > MOST_SAMPLES:
+        if samples > most:
             raise ConfigError(
-                f"learning.n_steps = {learning.n_steps}: an update would take {samples:.2g} samples, at most "
-                f"{MOST_SAMPLES:.0e} ({each})"
+                f"{place}: learning.n_steps = {learning.n_steps}: an update would take {samples:.2g} samples, at most "
+                f"{most:.0e}{stacked} ({each})"
             )
         if learning.batch_size > samples > 0:
             raise ConfigError(
-                f"learning.batch_size = {learning.batch_size}: must be at most the {samples} samples of an update "
-                f"({each})"
+                f"{place}: learning.batch_size = {learning.batch_size}: must be at most the {samples} samples of an "
+                f"update ({each})"
             )
-    elif isinstance(learning, ReplaySettings) and learning.learning_starts >= config.steps:
-        raise ConfigError(
-            f"learning.learning_starts = {learning.learning_starts}: must be less than steps = {config.steps}, or "
-            "nothing is learned"
-        )
-    return config
+    elif isinstance(learning, ReplaySettings):
+        if learning.buffer_size > most:
+            raise ConfigError(
+                f"{place}: learning.buffer_size = {learning.buffer_size}: must be at most {most}{stacked}"
+            )
+        if learning.learning_starts >= config.steps:
+            raise ConfigError(
+                f"{place}: learning.learning_starts = {learning.learning_starts}: must be less than steps = "
+                f"{config.steps}, or nothing is learned"
+            )
 
 
 def _model(data: dict[str, Any], where: Where) -> type[TrainConfig]:

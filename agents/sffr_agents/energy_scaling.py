@@ -22,9 +22,14 @@ from sffr_baselines.schedule import LOG_AMPLITUDE, N_FEATURES
 FLOOR = 0.02  # of the energy scale, about what the path's own acceleration keeps in a damped panel
 
 
-def energy(obs: Any) -> Any:
-    """Return the energy (...) of all panels in observations (..., panels x N_FEATURES), over the reward's scale."""
-    return (10.0 ** (2.0 * obs[..., LOG_AMPLITUDE::N_FEATURES]) + FLOOR).sum(-1)
+def energy(obs: Any, stack_size: int) -> Any:
+    """Return the energy (...) of all panels in observations, over the reward's scale.
+
+    Args:
+        obs: (..., panels x stack_size x N_FEATURES).
+        stack_size: observations of each panel, of which the first is the newest.
+    """
+    return (10.0 ** (2.0 * obs[..., LOG_AMPLITUDE :: stack_size * N_FEATURES]) + FLOOR).sum(-1)
 
 
 class SchedulePolicy(ActorCriticPolicy):
@@ -50,27 +55,45 @@ class SchedulePolicy(ActorCriticPolicy):
 
 
 class EnergyPolicy(SchedulePolicy):
-    """Actor and critic of a schedule, whose critic learns values per unit of energy."""
+    """Actor and critic of a schedule, whose critic learns values per unit of energy.
+
+    Args:
+        arguments: of :class:`SchedulePolicy`.
+        stack_size: observations that are seen at once.
+    """
+
+    def __init__(self, *arguments: Any, stack_size: int = 1, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._stack_size = stack_size
 
     def forward(
         self, obs: torch.Tensor, deterministic: bool = False
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return actions, values and log-probabilities while collecting; values in units of the reward."""
         actions, values, log_probability = super().forward(obs, deterministic)
-        return actions, values * energy(obs)[:, None], log_probability
+        return actions, values * energy(obs, self._stack_size)[:, None], log_probability
 
     def predict_values(self, obs: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
         """Return values in units of the reward."""
-        return super().predict_values(obs) * energy(obs)[:, None]
+        return super().predict_values(obs) * energy(obs, self._stack_size)[:, None]
 
 
 class EnergyRolloutBuffer(RolloutBuffer):
-    """Rollouts whose advantages and returns are divided by the energy of their state."""
+    """Rollouts whose advantages and returns are divided by the energy of their state.
+
+    Args:
+        arguments: of ``RolloutBuffer``.
+        stack_size: observations that are seen at once.
+    """
+
+    def __init__(self, *arguments: Any, stack_size: int = 1, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._stack_size = stack_size
 
     def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: np.ndarray) -> None:
         """Estimate advantages in units of the reward, then divide."""
         super().compute_returns_and_advantage(last_values, dones)
-        scale = energy(self.observations)
+        scale = energy(self.observations, self._stack_size)
         for array in (self.advantages, self.returns, self.values):
             array /= scale
 
@@ -80,15 +103,16 @@ class EnergyReplayBuffer(ReplayBuffer):
 
     Args:
         gamma: discount of an action.
+        stack_size: observations that are seen at once.
         arguments: of ``ReplayBuffer``.
     """
 
-    def __init__(self, *arguments: Any, gamma: float, **named: Any) -> None:
+    def __init__(self, *arguments: Any, gamma: float, stack_size: int = 1, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self.gamma = gamma
+        self.gamma, self._stack_size = gamma, stack_size
 
     def _get_samples(self, batch_inds: np.ndarray, env: Any = None) -> ReplayBufferSamples:
         samples = super()._get_samples(batch_inds, env)
-        scale = energy(samples.observations)[:, None]
-        discounts = self.gamma * energy(samples.next_observations)[:, None] / scale
+        scale = energy(samples.observations, self._stack_size)[:, None]
+        discounts = self.gamma * energy(samples.next_observations, self._stack_size)[:, None] / scale
         return samples._replace(rewards=samples.rewards / scale, discounts=discounts)

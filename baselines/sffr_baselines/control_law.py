@@ -17,7 +17,7 @@ from sffr_baselines.panel_reaction import N_BENDING, PanelReaction, add_panel_re
 from sffr_baselines.position_feedback import PositionFeedback, feed_back
 from sffr_baselines.predictive import Plan, Predictive, plan_shapes, predict
 from sffr_baselines.regulator import Regulator, deviate, regulate
-from sffr_baselines.schedule import Schedule, ScheduleWork, schedule_shapes
+from sffr_baselines.schedule import N_FEATURES, Schedule, ScheduleWork, schedule_shapes
 from sffr_baselines.shaper import reshape_reference
 from sffr_baselines.suppression import Suppression, suppress
 from sffr_gym.compile.kernels import kernel
@@ -57,6 +57,7 @@ class LawState(NamedTuple):
     factor: Array  #: (n_p, 3) by which a schedule multiplies it, or the deviations that a regulator acts on
     share: Array  #: (n_p,) of each panel's predicted reaction that is fed forward; a schedule lowers it
     demand: Array  #: (n_p + 1,) largest command over its limit, of each panel's piezos and of all else; for schedules
+    seen: Array  #: (n_p stack N_FEATURES,) what a schedule's last decisions saw, panel by panel, the newest first
     integral: Array  #: (n_t,) of the tracked errors over time [m s, rad s]
     errors: Array  #: (n_t, 2) estimates of the tracked errors and of their rates
     late: Array  #: (1,) 1 if the sensors were found to lag a period, else 0
@@ -91,8 +92,9 @@ def state_shapes(law):
     """Shapes of the :class:`LawState` of a :class:`Law`."""
     n_p, n_t = len(law.allocation), len(law.observer.error)
     return LawState(
-        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), share=(n_p,), demand=(n_p + 1,), integral=(n_t,), errors=(n_t, 2),
-        late=(1,), age=(1,), filters=(n_p, N_BENDING, 2), plan=(n_p, law.predictive.scale.shape[1]), wait=(1,),
+        B_hat=(n_p, N_TIP), factor=(n_p, N_TIP), share=(n_p,), demand=(n_p + 1,),
+        seen=(n_p * law.schedule.stack * N_FEATURES,), integral=(n_t,), errors=(n_t, 2), late=(1,), age=(1,),
+        filters=(n_p, N_BENDING, 2), plan=(n_p, law.predictive.scale.shape[1]), wait=(1,),
     )  # fmt: skip
 
 
@@ -115,8 +117,8 @@ def start_state(law: Law, states: LawState, i: int) -> None:
 def state_at(states, i):
     """The :class:`LawState` in row ``i`` of states (n, ...)."""
     return LawState(
-        states.B_hat[i], states.factor[i], states.share[i], states.demand[i], states.integral[i], states.errors[i],
-        states.late[i], states.age[i], states.filters[i], states.plan[i], states.wait[i],
+        states.B_hat[i], states.factor[i], states.share[i], states.demand[i], states.seen[i], states.integral[i],
+        states.errors[i], states.late[i], states.age[i], states.filters[i], states.plan[i], states.wait[i],
     )  # fmt: skip
 
 

@@ -57,10 +57,11 @@ class DampingEnvironment(RobotEnvironment):
     def _kept(self) -> dict[str, Any]:
         schedule = self.law.schedule
         law = f"{self.law_name}, rho {schedule.rho!r}, hold {schedule.hold}, tolerance {schedule.tolerance!r}"
+        law += f", stack {schedule.stack}"
         return super()._kept() | {"law": law, "damping": self._damping}
 
     def _check(self, kept: dict[str, Any]) -> Any:
-        damping, bound = kept["damping"], np.tile(BOUNDS, len(self.law.allocation))
+        damping, bound = kept["damping"], np.tile(BOUNDS, len(self.law.allocation) * self.law.schedule.stack)
         check_finite(damping, "state.damping")
         for values, low, high, name in (
             (damping.law.B_hat, 0.0, np.inf, "law.B_hat"), (damping.law.factor, 0.0, np.inf, "law.factor"),
@@ -69,7 +70,7 @@ class DampingEnvironment(RobotEnvironment):
             (damping.law.integral, -FAR, FAR, "law.integral"), (damping.law.errors, -FAR, FAR, "law.errors"),
             (damping.law.filters, -FAR, FAR, "law.filters"), (damping.law.plan, -FAR, FAR, "law.plan"),
             (damping.law.wait, -1.0, MOST_TICKS, "law.wait"),
-            (damping.features, -bound, bound, "features"), (damping.end, 0, MOST_TICKS, "end"),
+            (damping.law.seen, -bound, bound, "law.seen"), (damping.end, 0, MOST_TICKS, "end"),
         ):  # fmt: skip
             check_range(values, low, high, f"state.damping.{name}")
         return super()._check(kept)
@@ -149,6 +150,8 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
     - ``random_phase``: start anywhere on a closed path.
     - ``base_tolerance``: error of the base [m] at which an action counts half, further off less: the law by itself
       brings the base back. None: actions always count in full.
+    - ``stack_size``: a memory: so many observations of each panel are seen at once, the newest first, then the one of
+      an action before and so on; zeros stand for those before the start.
 
     ## Version history
     - v0: first version. Before its release the reward was the unbounded negative cost, as that of ``SFFRFlex-v0``, the
@@ -167,6 +170,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        stack_size: int = 1,
         dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
         texts: bool = False,
@@ -180,9 +184,9 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
         self._duration, self._random_phase = duration, random_phase  # of the episodes that the next line looks at
         super().__init__(scenario, params, overrides, render_mode, render_every=render_every, texts=texts)
         self._renderer = make_renderer(self._nominal_plant, render_mode, render_every, damped=True)
-        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance, stack_size)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
-        self.law_name, self.obs_names = law, observation_names(self.params)
+        self.law_name, self.obs_names = law, observation_names(self.params, stack_size)
         self.action_names = action_names(self.params, self.law)
         self.action_space, self.observation_space = damping_spaces(self.law, dtype=dtype)
         self._damping = make_damping(self.law, 1)
@@ -201,7 +205,7 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
         return DampingStepper([self._plant_task], self._batch, self.law, self._damping)
 
     def _observed(self) -> np.ndarray:
-        return self._damping.features[0].astype(self.observation_space.dtype)
+        return self._damping.law.seen[0].astype(self.observation_space.dtype)
 
     def _longest(self) -> int:
         return -(-super()._longest() // self.law.schedule.hold)
@@ -229,7 +233,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
             limit beside that.
         autoreset_mode: see :class:`SFFRFlexVectorEnv`.
         scenario, params, overrides, render_mode, render_every, texts: as for the single one.
-        law, rho, agent_period, duration, random_phase, base_tolerance, dtype: likewise.
+        law, rho, agent_period, duration, random_phase, base_tolerance, stack_size, dtype: likewise.
     """
 
     OF_ALL: ClassVar[tuple[str, ...]] = (*SFFRFlexVectorEnv.OF_ALL, *_LAW)
@@ -251,6 +255,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
         duration: float | None = DURATION,
         random_phase: bool = True,
         base_tolerance: float | None = None,
+        stack_size: int = 1,
         dtype: DTypeLike = "float32",
         render_every: float = RENDER_EVERY,
         texts: bool = False,
@@ -262,9 +267,9 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
             render_every=render_every, autoreset_mode=autoreset_mode, texts=texts,
         )  # fmt: skip
         self._renderers = make_renderers(num_envs, self._nominal_plant, render_mode, render_every, damped=True)
-        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance)
+        self.law = scheduled_law(self.params, law, rho, agent_period, base_tolerance, stack_size)
         self.metadata = self.metadata | {"render_fps": frame_rate(agent_period)}
-        self.law_name, self.obs_names = law, observation_names(self.params)
+        self.law_name, self.obs_names = law, observation_names(self.params, stack_size)
         self.action_names = action_names(self.params, self.law)
         self.single_action_space, self.single_observation_space = damping_spaces(self.law, dtype=dtype)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -295,7 +300,7 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
         self.step_prices = self._damping.price.copy()
 
     def _seen(self) -> Array:
-        return self._damping.features
+        return self._damping.law.seen
 
     def _acting(self) -> Array:
         return self.damping[:, :, TRANSVERSE]
@@ -324,6 +329,6 @@ def damping_spaces(
         ValueError: for an unknown type of observations.
     """
     n_p, kind = panels or len(law.allocation), observation_type(dtype)
-    bound = np.tile(BOUNDS, n_p).astype(kind)
+    bound = np.tile(BOUNDS, n_p * law.schedule.stack).astype(kind)
     n_a = n_p * decisions_of_panel(law)
     return gym.spaces.Box(-1.0, 1.0, (n_a,), np.float32), gym.spaces.Box(-bound, bound, dtype=kind.type)

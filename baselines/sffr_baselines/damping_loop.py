@@ -18,7 +18,7 @@ from sffr_baselines.control_law import (
     start_state,
     state_shapes,
 )
-from sffr_baselines.schedule import N_FEATURES, apply_decision, decisions_of_panel, write_features
+from sffr_baselines.schedule import apply_decision, decisions_of_panel, see
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.compile.lanes import columns, gather, take, where
 from sffr_gym.envs.batch import (
@@ -47,8 +47,9 @@ SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many 
 class Damping(NamedTuple):
     """What ``n`` closed loops have beyond their :class:`batch.Batch`."""
 
-    law: LawState  #: (n, ...) of the law; its ``factor`` and ``share`` are those of the last decision
-    features: Array  #: (n, n_p N_FEATURES) what the next decision sees
+    law: (
+        LawState  #: (n, ...) of the law; ``factor`` and ``share`` are the last decision's, ``seen`` is for the next one
+    )
     price: Array  #: (n, n_p) of the last decision, panel by panel: what the score takes of it; see ``_add``
     end: IntArray  #: (n,) control period at which the episode is over
 
@@ -76,17 +77,15 @@ class DecisionWork(NamedTuple):
 def decision_shapes(task, law):
     """Shapes of the :class:`DecisionWork` of a robot under a law."""
     group, n_p = group_shapes(task), len(law.allocation)
-    decision = Decision(state_shapes(law), (1,), (1,), (1,), (len(REWARDS),), (n_p,))
+    held = state_shapes(law)._replace(seen=(0,))  # which only a decision's end changes
+    decision = Decision(held, (1,), (1,), (1,), (len(REWARDS),), (n_p,))
     return DecisionWork(group.period, group.group, decision, law_shapes(law))
 
 
 def make_damping(law: Law, n: int) -> Damping:
     """Allocate ``n`` loops of one law."""
     n_p = len(law.allocation)
-    return Damping(
-        law=make_states(law, n), features=np.zeros((n, n_p * N_FEATURES)), price=np.zeros((n, n_p)),
-        end=np.zeros(n, dtype=np.int64),
-    )  # fmt: skip
+    return Damping(law=make_states(law, n), price=np.zeros((n, n_p)), end=np.zeros(n, dtype=np.int64))
 
 
 def start_damping(law: Law, damping: Damping, i: int, end: int) -> None:
@@ -122,11 +121,11 @@ class DampingStepper(Stepper):
 
 @entry
 def see_row(law, obs, damping, row):
-    """Write what a schedule sees in an observation; see :func:`schedule.write_features`.
+    """Write what a schedule sees in an observation; see :func:`schedule.see`.
 
-    obs: (n, n_o); damping: :class:`Damping`, whose features are written; row: (1,) which one.
+    obs: (n, n_o); damping: :class:`Damping`, whose law's ``seen`` is changed; row: (1,) which one.
     """
-    write_features(law, obs[row[0]], damping.law.demand[row[0]], damping.features[row[0]])
+    see(law, obs[row[0]], damping.law.demand[row[0]], damping.law.seen[row[0]])
 
 
 @entry
@@ -224,7 +223,7 @@ def _end_decision(law, batch, damping, i, group, period, decision, lane):
     take(decision.terms, lane, batch.terms[i])
     take(decision.price, lane, damping.price[i])
     _store_state(decision.law, lane, damping.law, i)
-    write_features(law, batch.obs[i], damping.law.demand[i], damping.features[i])
+    see(law, batch.obs[i], damping.law.demand[i], damping.law.seen[i])
 
 
 @kernel

@@ -86,6 +86,7 @@ class LearnedSchedule:
     rho: float
     agent_period: float
     base_tolerance: float | None
+    stack_size: int
     obs_names: tuple[str, ...]  #: of the environment, in order
     action_names: tuple[str, ...]
     scaling: tuple[float, float, float]  #: constants of the observation, [J], [m/s2], [m/s3]
@@ -118,7 +119,7 @@ class LearnedSchedule:
         law = env.law.schedule
         return cls(
             network=network, law=env.law_name, rho=law.rho, agent_period=law.hold * env.law.suppression.period,
-            base_tolerance=law.tolerance if isfinite(law.tolerance) else None,
+            base_tolerance=law.tolerance if isfinite(law.tolerance) else None, stack_size=law.stack,
             obs_names=env.obs_names, action_names=env.action_names,
             scaling=(law.energy, law.acceleration, law.acceleration_rate), trained=trained,
         )  # fmt: skip
@@ -136,8 +137,8 @@ class LearnedSchedule:
         Raises:
             UnfitError: if the robot has other panels or damped coordinates than the schedule was made for.
         """
-        law = scheduled_law(prior, self.law, self.rho, self.agent_period, self.base_tolerance)
-        if (observation_names(prior), action_names(prior, law)) != (self.obs_names, self.action_names):
+        law = scheduled_law(prior, self.law, self.rho, self.agent_period, self.base_tolerance, self.stack_size)
+        if (observation_names(prior, self.stack_size), action_names(prior, law)) != (self.obs_names, self.action_names):
             raise UnfitError(
                 f"{name} was made for a robot with the observations {', '.join(self.obs_names)} and the actions "
                 f"{', '.join(self.action_names)}"
@@ -156,7 +157,7 @@ def save_schedule(file: str | os.PathLike[str], schedule: LearnedSchedule) -> No
     network = schedule.network
     about = {
         "format": FORMAT, "law": schedule.law, "rho": schedule.rho, "agent_period": schedule.agent_period,
-        "base_tolerance": schedule.base_tolerance,
+        "base_tolerance": schedule.base_tolerance, "stack_size": schedule.stack_size,
         "obs_names": schedule.obs_names, "action_names": schedule.action_names, "scaling": schedule.scaling,
         "relu": network.relu, "squash": network.squash, "trained": schedule.trained,
     }  # fmt: skip
@@ -200,6 +201,7 @@ class About(Section):
     rho: float = Field(description="largest factor of the damping [-]")
     agent_period: float = Field(description="time between two actions [s]")
     base_tolerance: float | None = Field(description="error of the base at which an action counts half [m]")
+    stack_size: int = Field(default=1, description="actions whose observations are seen at once")
     obs_names: tuple[str, ...] = Field(description="of the environment")
     action_names: tuple[str, ...] = Field(description="of the environment")
     scaling: tuple[float, float, float] = Field(description="of the observation [J, m/s2, m/s3]")
@@ -225,8 +227,8 @@ def _schedule_of(arrays: dict[str, np.ndarray]) -> LearnedSchedule:
         about.relu, about.squash,
     )  # fmt: skip
     return LearnedSchedule(
-        network, about.law, about.rho, about.agent_period, about.base_tolerance, about.obs_names, about.action_names,
-        about.scaling, about.trained,
+        network, about.law, about.rho, about.agent_period, about.base_tolerance, about.stack_size, about.obs_names,
+        about.action_names, about.scaling, about.trained,
     )  # fmt: skip
 
 

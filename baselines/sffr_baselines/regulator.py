@@ -28,6 +28,7 @@ from sffr_gym.task.score import WEIGHTS
 from sffr_gym.types import Array
 
 HALVINGS = 60  # of a virtual damping that is unstable
+STANDSTILL = 1.0e-12  # m2/s2: a path slower than a micrometre a second has no direction that could turn
 
 
 class Regulator(NamedTuple):
@@ -211,7 +212,7 @@ def root_acceleration(law, at, obs, i):
         push = nx * xdd + ny * ydd - turn * turn * law.lever[i] + alpha * law.reach[i]
         jx, jy = obs[at.reference_jerk] + turn * ydd, obs[at.reference_jerk + 1] - turn * xdd  # seen from the axes
         return push, nx * jx + ny * jy - 2.0 * turn * alpha * law.lever[i] + alpha_rate * law.reach[i]
-    spin = (xd * ydd - yd * xdd) / (xd * xd + yd * yd) - turn
+    spin = (xd * ydd - yd * xdd) / max(xd * xd + yd * yd, STANDSTILL) - turn
     return nx * xdd + ny * ydd - turn * turn * law.lever[i], spin * (ny * xdd - nx * ydd)
 
 

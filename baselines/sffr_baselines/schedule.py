@@ -5,7 +5,7 @@ says, B is not negative and takes energy out of a panel. Where a law feeds the p
 multiplies the feedback of a panel as a whole, which a regulator bears; where it feeds their reaction forward, one more
 lowers the share of it. A schedule may yield to the law while the base is off its path. What it sees is made of the
 observation, of what the controller believes and of what the law last asked for, in each panel's own axes, so that one
-network can serve all panels.
+network can serve all panels. With a memory it also sees what earlier decisions saw.
 """
 
 from __future__ import annotations
@@ -68,6 +68,7 @@ class Schedule(NamedTuple):
 
     Attributes:
         hold: control periods from one decision to the next; 0 for no schedule.
+        stack: decisions whose features the network sees, this one's and those before; 0 for no schedule.
         rho: largest factor of the damping, or of the panels' feedback; 1 / rho is the smallest.
         tolerance: error of the base [m] at which a decision counts half; infinite if it always counts in full.
         lever: distance [m] at which a turn of the base moves a panel's middle.
@@ -81,6 +82,7 @@ class Schedule(NamedTuple):
     """
 
     hold: int
+    stack: int
     rho: float
     tolerance: float
     lever: float
@@ -99,7 +101,6 @@ class Schedule(NamedTuple):
 class ScheduleWork(NamedTuple):
     """Memory of a decision."""
 
-    features: Array  #: (n_p N_FEATURES,) of all panels
     hidden: Array  #: (2, width) two layers in turn
     decision: Array  #: (n_p 4,) outputs
 
@@ -111,6 +112,7 @@ def make_schedule(prior: Params) -> Schedule:
     reaches = zip(prior.panel.mounts, prior.panel.each, strict=True)
     return Schedule(
         hold=0,
+        stack=0,
         rho=1.0,
         tolerance=inf,
         lever=max((hypot(*mount.root) + 0.5 * panel.length for mount, panel in reaches), default=0.0),
@@ -140,7 +142,7 @@ def schedule_shapes(law):
     n_p, width = len(law.allocation), 1
     for k in range(len(law.schedule.sizes)):
         width = max(width, law.schedule.sizes[k])
-    return ScheduleWork(features=(n_p * N_FEATURES,), hidden=(2, width), decision=(n_p * (N_TIP + 1),))
+    return ScheduleWork(hidden=(2, width), decision=(n_p * (N_TIP + 1),))
 
 
 @kernel
@@ -169,15 +171,28 @@ def base_off_path(law, obs):
 
 
 @kernel
-def write_features(law, obs, demand, features):
-    """Write the features (n_p N_FEATURES,) of an observation, panel by panel in the order of ``FEATURES``.
+def see(law, obs, demand, seen):
+    """Put the features of an observation before those of earlier ones, panel by panel in the order of ``FEATURES``.
 
-    law: :class:`closed_loop.Law`; obs: (n_o,); demand: (n_p + 1,) see :class:`control_law.LawState`.
+    law: :class:`closed_loop.Law`; obs: (n_o,); demand: (n_p + 1,) and seen: (n_p stack N_FEATURES,), which is changed,
+    see :class:`control_law.LawState`.
     """
+    n_p = len(law.allocation)
+    width = len(seen) // n_p
+    for i in range(n_p):
+        for k in range((i + 1) * width - 1, i * width + N_FEATURES - 1, -1):
+            seen[k] = seen[k - N_FEATURES]
+    _write_features(law, obs, demand, seen)
+
+
+@kernel
+def _write_features(law, obs, demand, seen):
+    """Write the features of an observation at the beginning of each panel's; arguments as for :func:`see`."""
     schedule, n_p = law.schedule, len(law.allocation)
     off_path = log10(base_off_path(law, obs) / OFF_PATH + LEAST_ERROR)
     for i in range(n_p):
-        own, energy = features[i * N_FEATURES : (i + 1) * N_FEATURES], 0.0
+        first = i * (len(seen) // n_p)
+        own, energy = seen[first : first + N_FEATURES], 0.0
         push, push_rate = root_acceleration(law.regulator, law.at, obs, i)
         side = -1.0 if push < 0.0 else 1.0
         deviation = own[CROSSED : CROSSED + 2 * N_BENDING]  # until the products are written there
@@ -253,10 +268,10 @@ def update_schedule(law, obs, state, work):
     Not inlined, since it is called seldom, and its code would slow down the loop around it.
     """
     schedule = law.schedule
-    write_features(law, obs, state.demand, work.features)
+    see(law, obs, state.demand, state.seen)
     n_in, n_out = schedule.sizes[0], schedule.sizes[-1]
-    for block in range(len(work.features) // n_in):
-        seen = work.features[block * n_in : (block + 1) * n_in]
+    for block in range(len(state.seen) // n_in):
+        seen = state.seen[block * n_in : (block + 1) * n_in]
         _propagate(schedule, seen, work.hidden, work.decision[block * n_out : (block + 1) * n_out])
     apply_decision(law, obs, work.decision, state.factor, state.share)
 

@@ -29,6 +29,7 @@ RHO, AGENT_PERIOD = 10.0, 0.1  # largest factor of the damping [-], time between
 # with the panels' own stiffness: more than all of it is unstable.
 SCHEDULED = ("hsc", "ahsc", "ahsc-filtered", "hsc-tuned", "ahsc-ff", "lqr", "lqr-ff", "lqr-kf", "mpc")
 
+MOST_STACKED = 100  # ten seconds, a swing of a panel
 LEVELS = 21  # of a regulator's factor at which its stability is looked at
 
 
@@ -52,9 +53,14 @@ class Scheduling(Section):
         default=None, ge=1.0e-9, le=1000.0,
         description="error of the base at which an action counts half [m]; null: it never does",
     )  # fmt: skip
+    stack_size: int = Field(
+        default=1, ge=1, le=MOST_STACKED, description="actions whose observations are seen at once, the newest first"
+    )
 
 
-def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, base_tolerance: float | None) -> Law:
+def scheduled_law(
+    prior: Params, name: str, rho: float, agent_period: float, base_tolerance: float | None, stack_size: int = 1
+) -> Law:
     """Return the law whose damping an agent schedules.
 
     Args:
@@ -63,13 +69,16 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, bas
         rho: largest factor of the damping; 1 / rho is the smallest.
         agent_period: time between two actions [s], a multiple of the control period.
         base_tolerance: error of the base [m] at which an action counts half; None: actions always count in full.
+        stack_size: actions whose observations are seen at once.
 
     Raises:
         ConfigError: for an unknown law, a number out of its range, a robot without panels, a period between actions
             that is no multiple of the control period, or a damping within reach of the agent that the sampled loop
             cannot run.
     """
-    check_arguments(Scheduling, law=name, rho=rho, agent_period=agent_period, base_tolerance=base_tolerance)
+    check_arguments(
+        Scheduling, law=name, rho=rho, agent_period=agent_period, base_tolerance=base_tolerance, stack_size=stack_size
+    )
     if prior.n_panels == 0:
         raise ConfigError("panel.mounts: the robot has no panels whose damping could be scheduled")
     period = prior.control.period
@@ -79,7 +88,8 @@ def scheduled_law(prior: Params, name: str, rho: float, agent_period: float, bas
     law = make_law(name, prior)
     check_stability(law, prior, rho)
     tolerance = inf if base_tolerance is None else float(base_tolerance)
-    return law._replace(schedule=law.schedule._replace(hold=hold, rho=float(rho), tolerance=tolerance))
+    schedule = law.schedule._replace(hold=hold, stack=int(stack_size), rho=float(rho), tolerance=tolerance)
+    return law._replace(schedule=schedule)
 
 
 def check_stability(law: Law, prior: Params, rho: float) -> None:
@@ -128,9 +138,10 @@ def regulated_growth(law: Law, prior: Params, factors: Array) -> Array:
     return np.array(growth)
 
 
-def observation_names(prior: Params) -> tuple[str, ...]:
-    """Return the names of what the agent sees, in order."""
-    return tuple(f"{mount.name}_{name}" for mount in prior.panel.mounts for name, _ in FEATURES)
+def observation_names(prior: Params, stack_size: int) -> tuple[str, ...]:
+    """Return the names of what the agent sees, in order; with ``_1`` what it saw an action ago, and so on."""
+    ages = ["", *(f"_{k}" for k in range(1, stack_size))]
+    return tuple(f"{mount.name}_{name}{age}" for mount in prior.panel.mounts for age in ages for name, _ in FEATURES)
 
 
 def action_names(prior: Params, law: Law) -> tuple[str, ...]:

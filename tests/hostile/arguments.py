@@ -28,7 +28,7 @@ ENVS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 OF_ALL = ("scenario", "params", "overrides", "render_mode", "dtype")
 OF_BATCH = ("num_envs", "max_episode_steps", "autoreset_mode")
-OF_LAW = ("law", "rho", "agent_period", "duration", "random_phase", "base_tolerance")
+OF_LAW = ("law", "rho", "agent_period", "duration", "random_phase", "base_tolerance", "stack_size")
 OF_STEP = ("state", "base", "joints", "piezo_tau", "piezo_volts", "wrench", "dt")
 OPTIONS = {  # of commands, each with what makes it short
     "evaluate": ("POLICY", "-n", "--seed", "-s", "-o", "--params", "--set"),

@@ -37,6 +37,9 @@ def bound_command(
         float | None,
         option("--base-tolerance", "Error of the base at which an action counts half, in m.", "M", "always in full"),
     ] = None,
+    stack_size: Annotated[
+        int, option("--stack-size", "Observations of a panel that are seen at once: a memory.", "N", parser=whole())
+    ] = DEFAULTS.stack_size,
     feature: Annotated[
         list[str] | None,
         option("--feature", "Only these count of what is seen of a panel; repeatable.", "NAME", "all"),
@@ -70,6 +73,7 @@ def bound_command(
         check_target(out, overwrite)
         settings = check_arguments(
             BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, base_tolerance=base_tolerance,
+            stack_size=stack_size,
             features=DEFAULTS.features if feature is None else tuple(feature), episodes=episodes,
             generations=generations, spread=spread, effort_price=effort_price, seed=seed,
         )  # fmt: skip
