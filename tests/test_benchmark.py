@@ -264,7 +264,7 @@ def test_scores_fit_the_terminal_uncut(serial, width):
 
 
 def test_baselines_and_suite_are_those_of_the_task():
-    assert default_policies() == (*BASELINES, "ppo", "sac") and set(default_policies()) < set(POLICIES)
+    assert default_policies() == (*BASELINES, "mpc-scheduled", "ppo", "sac") and set(default_policies()) < set(POLICIES)
     suite = "nominal excited offset fast payload mismatch noise degraded impulse weak patches thrust truth sprint slew"
     assert set(suite.split()) == set(scenario_names())
 

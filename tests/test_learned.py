@@ -242,7 +242,7 @@ def test_policy_of_another_robot_is_rejected(schedule):
         )
 
 
-@pytest.mark.parametrize("name", shipped_policies())
+@pytest.mark.parametrize("name", ["ppo", "sac"])
 def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
     """It comes from the shipped configuration of its name; on Table IV's start it keeps what the results say."""
     trained = load_schedule(name).trained

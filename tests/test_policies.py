@@ -31,7 +31,7 @@ def observations(count, seed=0):
 def test_names():
     """Baselines and learned policies are there, each with its name and a line that says what it is."""
     assert {"none", "random", "hsc", "ahsc", "ahsc-filtered", "hsc-oracle", "ahsc-oracle"} <= set(POLICIES)
-    assert {"sac", "ppo"} == set(shipped_policies()) <= set(POLICIES)
+    assert {"sac", "ppo", "mpc-scheduled"} == set(shipped_policies()) <= set(POLICIES)
     assert all(POLICIES.values())
     for name in POLICIES:
         assert make_policy(name, load_params()).name == name

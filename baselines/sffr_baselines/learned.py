@@ -164,7 +164,7 @@ def save_schedule(file: str | os.PathLike[str], schedule: LearnedSchedule) -> No
     arrays = {f"matrix{k}": matrix for k, matrix in enumerate(network.matrices)}
     arrays |= {f"bias{k}": bias for k, bias in enumerate(network.biases)}
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **{ABOUT: np.array(json.dumps(about))}, **arrays)
+    np.savez_compressed(content, allow_pickle=False, **{ABOUT: np.array(json.dumps(about))}, **arrays)
     write_whole(Path(file), content.getvalue())
 
 

@@ -1,4 +1,4 @@
-"""Policies by name: baselines, learned ones, and files. They act on the observation alone."""
+"""Policies by name: baselines, scheduled ones, and files. They act on the observation alone."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ POLICIES = {  # every name, with what it is
     "shaped-zv": "the same with the shorter ZV shaper",
     "hsc-oracle": "HSC told each episode's plant, for what a right model gives",
     "ahsc-oracle": "AHSC told each episode's plant",
-} | dict.fromkeys(shipped_policies(), "learned: a law with a schedule of its damping, see docs/agents.md")
+} | dict.fromkeys(shipped_policies(), "a law whose damping or feedback a network schedules, see docs/agents.md")
 
 
 class Policy(Protocol):

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from sffr_baselines import POLICIES
-from sffr_baselines.learned import shipped_policies
 from sffr_baselines.own_law import OwnPolicy
 from sffr_gym import ConfigError
 from sffr_gym.config.run_folder import RunFolder
@@ -29,10 +28,9 @@ from sffr_workbench.figures import draw_episode_figures
 
 SLOW = 3.0e-4  # s, of a call of a law; an episode of the case study then takes 17 s
 MOST_DIGITS = 8  # of an episode's number
-_LEARNED = {name: "learned: a law with a schedule of its damping, see docs/agents.md" for name in shipped_policies()}
 _POLICY_HELP = (
     "Policies to compare; a learned one by its [bold].npz[/] file, a law of your own as [bold]mine.py:MyLaw[/].\n\n"
-    + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in (POLICIES | _LEARNED).items())
+    + "\n\n".join(f"[bold]{name}[/]: {text}" for name, text in POLICIES.items())
 )
 
 
