@@ -1,6 +1,7 @@
 """Learned policies as files: what is exported decides as torch does, runs without it, and runs nobody's code."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from project import ROOT
 from small_training import PPO_SMALL, small
 from stable_baselines3 import PPO
 from torch import nn
 
 from sffr_agents.algorithms import make_model
-from sffr_agents.config import CONFIGS, load_config
+from sffr_agents.config import CONFIGS, VALIDATION_SEED, load_config
 from sffr_agents.export import export_run, export_zip, network_of, network_of_layers
 from sffr_agents.folder import BEST, LAST, PROGRESS
 from sffr_agents.train import train
@@ -21,7 +23,7 @@ from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save_schedule, shipped_policies
 from sffr_baselines.policies import policy_title
 from sffr_baselines.rollout import rollout
-from sffr_baselines.schedule import N_FEATURES
+from sffr_baselines.schedule import BASE_ERROR, N_FEATURES, PHASES
 from sffr_gym import ConfigError, load_params
 from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
@@ -254,6 +256,37 @@ def test_shipped_policy_damps_better_than_ahsc_and_says_where_it_is_from(name):
     assert own.measures["vibration"] < 0.45 * ahsc.measures["vibration"]
     assert own.measures["track_rmse"] < 1.10 * ahsc.measures["track_rmse"]
     assert costs(evaluation.results)[name] < 0.70
+
+
+def test_the_schedule_set_by_hand_is_its_pages_program(tmp_path, monkeypatch):
+    """It lets go of a panel that rests beside its shape, and holds one that swings as the law itself does."""
+    text = (ROOT / "docs" / "agents.md").read_text(encoding="utf-8")
+    (program,) = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "mpc-scheduled" in block]
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    page, shipped = load_schedule("./mpc-scheduled.npz"), load_schedule("mpc-scheduled")
+    for own, other in zip(
+        (*page.network.matrices, *page.network.biases),
+        (*shipped.network.matrices, *shipped.network.biases),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(own, other)
+    assert replace(page, network=shipped.network) == shipped
+    seen = np.zeros((3, 2, 50, N_FEATURES))
+    seen[..., BASE_ERROR] = -3.0
+    seen[1, :, :, PHASES] = 1.0  # at rest for 5 s
+    seen[2, :, 0, BASE_ERROR] = 0.0  # the base is off its path by 3 mm
+    decided = np.tanh([[0.0, 0.0], [-1.5 * 0.9, 0.0], [0.0, -2.0]])
+    np.testing.assert_allclose(shipped.predict(seen.reshape(3, -1))[0].reshape(3, 2, 2)[:, 0], decided, atol=1e-6)
+
+
+def test_the_schedule_set_by_hand_is_worth_it_where_the_model_is_wrong():
+    """A panel whose stiffness and mass are others rests beside the shape that mpc believes in and holds it to."""
+    evaluation = evaluate(["mpc", "mpc-scheduled", "ahsc"], "mismatch", episodes=3, seed=VALIDATION_SEED)
+    cost = costs({name: results for name, results in evaluation.results.items() if name != "ahsc-oracle"})
+    assert cost["mpc-scheduled"] < 0.8 * cost["mpc"]
+    right = costs(evaluate(["mpc", "mpc-scheduled", "ahsc"], "nominal").results)
+    assert right["mpc-scheduled"] == pytest.approx(right["mpc"], rel=0.01)
 
 
 @pytest.mark.parametrize(
