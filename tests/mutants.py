@@ -89,9 +89,14 @@ class Mutant(NamedTuple):
 
 
 def matches(entry: dict[str, str], mutant: Mutant) -> bool:
-    """Say whether an accepted entry is about a mutant, wherever its line stands in the file by now."""
+    """Say whether an accepted entry is about a mutant, wherever its line stands in the file by now.
+
+    An entry about one of several changes of its line says which: what it is ``changed`` to.
+    """
     own = {"module": mutant.module, "function": mutant.function, "operator": mutant.operator, "line": mutant.text}
-    return all(entry[name] == value for name, value in own.items())
+    if any(entry[name] != value for name, value in own.items()):
+        return False
+    return "changed" not in entry or entry["changed"] == mutant.changed
 
 
 def mutants_of(module: str) -> list[Mutant]:

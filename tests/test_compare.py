@@ -51,6 +51,16 @@ def test_unequal_runs_keep_the_lowest_common_seeds_of_each_scenario(tmp_path):
         assert seeds_of(results, policy) == {"wild": [1, 2, 3], "offset": [0, 1, 2], "still": [4]}
 
 
+@pytest.mark.parametrize(
+    ("counts", "kept"), [((3, 2, 1), (2, 2, 1)), ((2, 2, 2), (2, 2, 2)), ((1, 5, 1), (1, 5, 1)), ((1, 1, 1), (1, 1, 1))]
+)
+def test_scenarios_are_cut_to_the_fewest_seeds_of_those_that_have_several(tmp_path, counts, kept):
+    """Two are several; a scenario that draws nothing has one, and cuts none."""
+    results = [episode("ahsc", *key) for key in zip_names([range(count) for count in counts])]
+    found = seeds_of(common_episodes([write(tmp_path / "run", results)]), "ahsc")
+    assert tuple(found.values()) == tuple(list(range(count)) for count in kept)
+
+
 def zip_names(seeds):
     return [
         (name, seed)

@@ -78,6 +78,15 @@ def test_report_counts_by_package_and_names_survivors():
     assert "Only a sample" not in mutants.report([mutants.Tested("sffr_gym/x.py", 2, 2, [])])
 
 
+def test_an_accepted_change_is_not_another_change_of_its_line():
+    """Unless the entry says that it is about all of them."""
+    entry = next(each for each in mutants.CONFIG["accepted"] if "changed" in each)
+    whole = {name: value for name, value in entry.items() if name != "changed"}
+    found = [mutant for mutant in mutants.mutants_of(entry["module"]) if mutants.matches(whole, mutant)]
+    assert [mutant.changed for mutant in found if mutants.matches(entry, mutant)] == [entry["changed"]]
+    assert len(found) > 1
+
+
 @pytest.mark.parametrize("entry", mutants.CONFIG.get("accepted", ()), ids=lambda entry: entry["line"])
 def test_accepted_lines_are_still_there(entry):
     assert any(mutants.matches(entry, mutant) for mutant in mutants.mutants_of(entry["module"]))

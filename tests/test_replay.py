@@ -38,6 +38,16 @@ def test_arms_reach_the_object(recording):
             np.testing.assert_allclose(tip, obj[:2] + rotation(obj[2]) @ grasp.point, rtol=0, atol=1e-5)
 
 
+def test_panels_are_drawn_from_root_to_tip(recording):
+    """In metres along each panel's own axis; a length is the panel's."""
+    panels, plant = robot_data(recording)["panels"], recording.plant
+    for panel, mount, own in zip(panels, plant.panel.mounts, plant.panel.each, strict=True):
+        assert panel["name"] == mount.name and panel["root"] == list(mount.root)
+        np.testing.assert_allclose(panel["axis"], [np.cos(mount.angle), np.sin(mount.angle)], atol=1e-15)
+        assert panel["length"] == own.length and (panel["x"][0], panel["x"][-1]) == (0.0, own.length)
+        assert (np.diff(panel["x"]) > 0.0).all()
+
+
 def test_the_path_is_drawn_once_around(recording):
     """From where it begins to where it ends, a circle of 15 m in 110.9 s."""
     path = robot_data(recording)["path"]

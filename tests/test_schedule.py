@@ -9,13 +9,14 @@ from scipy.linalg import eigh
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_baselines.learned import LearnedSchedule, Network, load_schedule, save_schedule
-from sffr_baselines.schedule import BASE_ERROR, FEATURES, N_FEATURES
+from sffr_baselines.schedule import BASE_ERROR, N_FEATURES
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.kinematics import rotation
 
 MASS, LENGTH, EI = 9.0, 4.0, 20.0
 M = MASS * np.array([[13 / 35, -11 / 210 * LENGTH], [-11 / 210 * LENGTH, LENGTH**2 / 105]])  # of q5 and q6
 K = EI / LENGTH**3 * np.array([[12.0, -6.0 * LENGTH], [-6.0 * LENGTH, 4.0 * LENGTH**2]])
+BOUND = np.array([1.0] * 4 + [3.0, 5.0, 5.0] + [1.0] * 8 + [2.0, 2.0, 3.0])  # of what is seen, as documented
 PUSHED = -np.linalg.solve(K, MASS * np.array([0.5, -LENGTH / 12.0]))  # tip under a root's acceleration of 1 m/s2
 
 
@@ -74,12 +75,18 @@ def test_features_are_the_modes_about_the_quasi_static_shape(seed, heading, scen
         signs[m] = np.sign((found[:, 2 * m : 2 * m + 2] * expected[:, 2 * m : 2 * m + 2]).sum())
         expected[:, 2 * m : 2 * m + 2] *= signs[m]
     expected[:, 11:15] *= signs.prod()
-    bound = np.array([bound for _, bound in FEATURES])
-    np.testing.assert_allclose(found, np.clip(expected, -bound, bound), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found, np.clip(expected, -BOUND, BOUND), rtol=1e-4, atol=1e-5)
     if scenario == "offset":  # off its path by centimetres, where the panels of Table IV begin straight
         assert (found[:, BASE_ERROR] > 0.5).all()
     else:
         assert np.abs(found[:, :4]).min() > 1e-4
+
+
+def test_observations_have_the_documented_ranges():
+    """Of both signs, panel by panel."""
+    space = SFFRFlexDampingEnv().observation_space
+    np.testing.assert_array_equal(space.high, np.tile(BOUND, 2))
+    np.testing.assert_array_equal(space.low, -space.high)
 
 
 @pytest.mark.parametrize("squash", [True, False])

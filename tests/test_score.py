@@ -62,6 +62,16 @@ def test_cost_of_means_is_that_of_one_scenario(suite):
         assert cost_of_means(terms[:, None]) == pytest.approx(costs(wild)[policy], rel=1e-12)
 
 
+def test_costs_of_many_samples_are_those_of_each(suite):
+    """Scenarios and episodes are averaged; whatever stands before them, such as draws of a bootstrap, is not."""
+    wild = episode_terms(group(suite, "wild"))["other"]
+    samples = np.array([np.stack([wild, k * wild[::-1]], axis=1) for k in (1.0, 2.0, 3.0)])
+    np.testing.assert_allclose(cost_of_means(samples), [cost_of_means(each) for each in samples], rtol=1e-12)
+    samples[..., 3:] = 2.0 * samples[..., :3]
+    np.testing.assert_allclose(cost_of_means(samples), 0.5, rtol=1e-12)
+    assert cost_of_means(samples).shape == (3,)
+
+
 def test_cost_of_an_episode_by_hand():
     two = {
         "ahsc": episodes("s", "ahsc", (1.0, 2.0, 4.0), (2.0, 2.0, 2.0)),

@@ -49,6 +49,12 @@ def test_agrees_with_the_whole_state_space_discretised_at_once(elements, damped)
     assert sampled_growth(model, B0, damped, period) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("left_out", [["panel.axial_cut=1", "panel.bending_cut=0.01"], ["panel.axial_cut=10"]])
+def test_what_has_no_modes_does_not_grow(left_out):
+    """A rigid panel, and one whose axial modes are left out, looked at along its axis."""
+    assert sampled_growth(axial_alone(model_of(*left_out)), B0, ALL, 2.0e-3) == 0.0
+
+
 def test_short_periods_give_the_continuous_damping():
     model, period = model_of(), 1.0e-6
     tip = tip_rows(model)[0]

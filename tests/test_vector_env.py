@@ -161,11 +161,14 @@ def test_a_neighbour_that_blows_up_does_no_harm(n):
         stepper.actions[:] = actions(1, n)[0]
         steppers.append(stepper)
     envs.v[1, 4] = 1.0e200
+    seen, measured = envs.obs[1].copy(), envs.signals[1].copy()
     others = steppers[1].active[:] = np.arange(n) != 1
     with np.errstate(all="ignore"):  # where the kernels are not compiled
         steppers[0].step()
     steppers[1].step()
     assert REASONS[envs.status[1]] == "non-finite state"
+    np.testing.assert_array_equal(envs.obs[1], seen)  # what it was before, as positions are
+    np.testing.assert_array_equal(envs.signals[1], measured)
     for left, right in zip(envs, alone, strict=True):
         np.testing.assert_array_equal(left[others], right[others])
         assert np.isfinite(left).all()
