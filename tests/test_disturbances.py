@@ -8,10 +8,11 @@ from sffr_gym.compile.kernels import kernel
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.physics.kinematics import rotation
-from sffr_gym.task.disturbances import Sensing, add_noise, philox
+from sffr_gym.task.disturbances import Sensing, add_noise, philox, sense
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import SIGNALS
+from sffr_gym.task.task_model import make_task_model
 
 N_ACTIONS, N_OBS = 15, 52
 MASK = 0xFFFFFFFF
@@ -64,6 +65,29 @@ def test_random_words_are_those_of_philox():
     rng = np.random.default_rng(0)
     for tick, block, key in rng.integers(0, 2**32, (200, 3)).tolist():
         assert [int(word) for word in words(tick, block, key)] == philox_in_words((tick, block, 0, 0), (key, 0))
+
+
+def test_noise_is_white_noise_of_box_and_muller():
+    """Two normal numbers of two words, the next two of the other words of a block; each at its own level."""
+    level, tick, key = np.array([1.0, 2.0, 0.5, 3.0, 0.25, 1.5]), 7, 12345
+    words_of = np.array([philox_in_words((tick, block, 0, 0), (key, 0)) for block in (0, 1)], np.float64).ravel()
+    u, v = ((words_of + 0.5) / 2.0**32).reshape(4, 2)[:3].T
+    normal = np.sqrt(-2.0 * np.log(u)) * np.array([np.cos(2.0 * np.pi * v), np.sin(2.0 * np.pi * v)])
+    np.testing.assert_allclose(noises(level, key, tick + 1)[tick], level * normal.T.ravel(), rtol=1e-11)
+
+
+@pytest.mark.parametrize(("key", "coarse"), [(0, 0), (1, 0), (0, 1), (1, 1), (2**32 - 1, 1)])
+def test_sensors_add_white_noise_and_round_it_where_they_do(params, key, coarse):
+    """Noise first, for any key but 0, and then steps."""
+    task, true = make_task_model(params), np.linspace(-0.09, 0.11, N_OBS)
+    level, quantum, obs, expected = np.full(N_OBS, 1e-3), np.full(N_OBS, 5e-3), true.copy(), true.copy()
+    sense(task, None, Sensing(level, key, 0, quantum, coarse), 3, None, None, None, obs)
+    if key:
+        add_noise(Sensing(level, key, 0, quantum, 0), 3, task.bound, expected)
+        assert (expected != true).all()
+    if coarse:
+        expected = np.floor(expected / 5e-3 + 0.5) * 5e-3
+    np.testing.assert_allclose(obs, np.clip(expected, -task.bound, task.bound), rtol=0, atol=1e-15)
 
 
 def test_noise_is_white_and_normal():

@@ -6,7 +6,7 @@ import pytest
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import result_of, rollout
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.task.metrics import instability
+from sffr_gym.task.metrics import instability, instability_of, last_ticks
 from sffr_gym.task.signals import N_SIGNALS, SAT_JOINT, SAT_PIEZO, SAT_THRUST, VIBRATION
 from sffr_gym.task.status import LIMIT_CYCLE, REASONS
 from sffr_workbench.evaluation import evaluate, summary_remarks
@@ -28,6 +28,22 @@ def signals(busy, energy, group=SAT_PIEZO):
 )
 def test_both_saturation_and_swinging_are_needed(group, busy, energy, unstable):
     assert instability(signals(busy, energy, group), 0.1) == (REASONS[LIMIT_CYCLE] if unstable else "")
+
+
+def test_both_ends_count_as_stable():
+    """A quarter of a group and 5 % of the energy are not more than that; 2 s are long enough to tell."""
+    mean = np.zeros(N_SIGNALS)
+    for busy, energy, ticks, unstable in (
+        (0.25, 1.0, 1000, False), (np.nextafter(0.25, 1.0), 1.0, 1000, True), (1.0, 0.05, 1000, False),
+        (1.0, np.nextafter(0.05, 1.0), 1000, True), (1.0, 1.0, 1000, True), (1.0, 1.0, 999, False),
+    ):  # fmt: skip
+        mean[[SAT_THRUST, VIBRATION]] = busy, energy
+        assert bool(instability_of(mean, ticks, 1.0, 2.0e-3)) == unstable
+
+
+@pytest.mark.parametrize(("ticks", "last"), [(1, 1), (3, 1), (4, 1), (7, 1), (8, 2), (11, 2), (400, 100)])
+def test_the_last_part_of_a_short_episode_is_a_quarter_of_it_or_a_period(ticks, last):
+    assert last_ticks(ticks) == last
 
 
 def test_what_happened_earlier_does_not_count():

@@ -10,6 +10,7 @@ from sffr_gym.task.statistics import (
     mean,
     performance_profile,
     probability_of_improvement,
+    resample,
     stratified_bootstrap,
 )
 
@@ -96,6 +97,25 @@ def test_bootstrap_repeats_and_follows_confidence_and_seed():
     assert stratified_bootstrap(table, seed=1) != first
     narrow = stratified_bootstrap(table, confidence=0.5)
     assert first.low < narrow.low < narrow.value < narrow.high < first.high
+
+
+def test_intervals_are_of_95_percent_2000_tables_and_one_seed_if_nothing_else_is_said():
+    """As the published ones are, which anybody can compute again."""
+    table = scores(11, 9, 2)
+    assert stratified_bootstrap(table) == stratified_bootstrap(table, interquartile_mean, 0.95, 2000, 0)
+    np.testing.assert_array_equal(resample(table), resample(table, 2000, 0))
+
+
+def test_numbers_of_an_episode_stay_together():
+    """Whatever is drawn, and however many numbers an episode has; each table has as many episodes as there are."""
+    table = np.stack([scores(12, 5, 3), scores(13, 5, 3)], axis=-1)
+    drawn = resample(table, 40)
+    assert drawn.shape == (40, 5, 3, 2)
+    for m in range(3):
+        episodes = {tuple(numbers) for numbers in table[:, m].tolist()}
+        assert {tuple(numbers) for numbers in drawn[:, :, m].reshape(-1, 2).tolist()} == episodes
+    estimate = stratified_bootstrap(np.stack([table[..., 0], -table[..., 0]], axis=-1), lambda each: mean(each.sum(-1)))
+    assert estimate == Estimate(0.0, 0.0, 0.0)
 
 
 def test_probability_of_improvement_by_hand():
