@@ -10,6 +10,7 @@ from report_runs import SEED, run
 from sffr_baselines import make_policy
 from sffr_baselines.rollout import STRIDE, rollout
 from sffr_gym import ConfigError
+from sffr_gym.config.run_folder import RunFolder
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.reference import N_REFERENCE
 from sffr_gym.task.scenario import Scenario
@@ -119,3 +120,60 @@ def test_damaged_recording_is_an_error(recording, tmp_path, damage):
     file.write_bytes(content)
     with pytest.raises(ConfigError, match=r"bad\.npz: (no recording|is no \.npz file of plain arrays), or"):
         Recording.read(file)
+
+
+PIECES = ("t", "p", "applied", "limit", "B_hat", "grasp", "signals", "tips")
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_arrays_of_a_recording_fit_each_other_and_the_robot(recording, tmp_path, name):
+    """One number too many or too few in any direction is refused, with the name of the array or of what it lacks."""
+    array = getattr(recording, name)
+    for axis in range(array.ndim):
+        longer, shorter = (
+            np.concatenate([array, array.take([0], axis)], axis),
+            array.take(range(array.shape[axis] - 1), axis),
+        )
+        for other in (longer, shorter):
+            if name == "tips" and axis == 0:
+                continue  # its rows are control periods, and an episode may end in any
+            file = tmp_path / "odd.npz"
+            file.write_bytes(replace(recording, **{name: other}).to_bytes())
+            with pytest.raises(ConfigError, match=r"odd\.npz: no recording, or damaged: \w+ has the shape"):
+                Recording.read(file)
+
+
+@pytest.mark.parametrize(("seed", "valid"), [(0, True), (2**40, True), (-1, False)])
+def test_seeds_of_recordings_are_not_negative(recording, tmp_path, seed, valid):
+    file = tmp_path / "seed.npz"
+    file.write_bytes(replace(recording, seed=seed).to_bytes())
+    with nullcontext() if valid else pytest.raises(ConfigError, match="seed"):
+        assert Recording.read(file).seed == seed
+
+
+def test_the_first_recorded_signals_are_those_of_the_first_period(trajectory, recording):
+    """Before which nothing was measured."""
+    np.testing.assert_array_equal(recording.signals[0], trajectory.signals[0])
+    assert (trajectory.signals[0] != trajectory.signals[1]).any()
+
+
+@pytest.mark.parametrize("mass", [0.5, 1.0])
+def test_a_robot_with_a_light_object_is_recorded_with_it(tmp_path, mass):
+    env = SFFRFlexEnv(Scenario(name="short", description="a test's", duration=0.2), overrides=[f"object.mass={mass}"])
+    recording = Recording.of(rollout(env, make_policy("none", env), SEED))
+    (tmp_path / "none.npz").write_bytes(recording.to_bytes())
+    assert Recording.read(tmp_path / "none.npz").p.shape == recording.p.shape
+
+
+def test_an_episode_of_one_state_is_recorded(recording, tmp_path):
+    """As of one that failed before the second."""
+    one = {name: getattr(recording, name)[:1] for name in PIECES if name != "limit"}
+    (tmp_path / "one.npz").write_bytes(replace(recording, **one).to_bytes())
+    assert len(Recording.read(tmp_path / "one.npz").t) == 1
+
+
+def test_recordings_lie_in_their_folder_and_have_their_ending(tmp_path):
+    """Other files of the run are none, wherever they lie."""
+    with RunFolder.claim(tmp_path / "run", "evaluation") as folder:
+        folder.replace(dict.fromkeys(["other.npz", "recordings/ahsc.npz", "recordings/notes.txt"], b""))
+        assert [file.name for file in recording_files(folder)] == ["ahsc.npz"]

@@ -1,5 +1,7 @@
 """What the report's replay is told of the robot, put together as the page does."""
 
+import base64
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from sffr_gym.physics.model import pack
 from sffr_gym.task.reference import desired
 from sffr_gym.task.signals import ERROR, VIBRATION
 from sffr_workbench.evaluation.recording import Recording
-from sffr_workbench.report.replay import columns_of, robot_data
+from sffr_workbench.report.replay import columns_of, policy_data, robot_data
 from sffr_workbench.report.spectrum import spectrum
 
 
@@ -59,6 +61,50 @@ def test_the_path_is_drawn_once_around(recording):
     distances = np.hypot(*(np.array(path["points"]) - path["centre"]).T)
     np.testing.assert_allclose(distances, 15.0, rtol=0, atol=0.01)
     assert path["radius"] == pytest.approx(15.0, abs=0.01)
+
+
+def test_the_path_is_drawn_in_even_steps_to_a_tenth_of_a_millimetre(recording):
+    """A point for each degree of a circle, and the first one again."""
+    path = robot_data(recording)["path"]
+    points = np.array(path["points"])
+    assert points.shape == (361, 2)
+    turned = points - path["centre"]
+    angles = np.unwrap(np.arctan2(turned[:, 1], turned[:, 0]))
+    np.testing.assert_allclose(np.diff(angles), np.deg2rad(1.0), rtol=0, atol=1e-4)
+    in_tenths = 1e4 * points
+    np.testing.assert_allclose(in_tenths, np.round(in_tenths), rtol=0, atol=1e-6)
+    assert np.abs(in_tenths - 10.0 * np.round(0.1 * in_tenths)).max() > 1.0
+
+
+def test_shapes_are_given_at_both_ends_of_32_parts_to_nine_digits(recording):
+    """For a smooth line, without more than it takes."""
+    for panel in robot_data(recording)["panels"]:
+        shapes, n_m = np.array(panel["shapes"]), pack(recording.plant).omega2.shape[1]
+        assert shapes.shape == (33, n_m) and len(panel["x"]) == 33
+        digits = 1e9 * shapes
+        np.testing.assert_allclose(digits, np.round(digits), rtol=0, atol=1e-6)
+        assert np.abs(digits - 10.0 * np.round(0.1 * digits)).max() > 1.0
+
+
+def test_arms_know_where_their_joints_begin(recording):
+    """All joints belong to one arm each."""
+    arms = robot_data(recording)["arms"]
+    firsts = np.cumsum([0, *(len(arm["links"]) for arm in arms)]).tolist()
+    assert [arm["first"] for arm in arms] == firsts[:-1] and firsts[-1] == 6
+
+
+def test_a_policys_table_has_its_columns_side_by_side(recording):
+    """As the page reads them: single precision, row by row, at the places that the layout names."""
+    data, model = policy_data("ahsc", recording, "#102030"), pack(recording.plant)
+    table = np.frombuffer(base64.b64decode(data["table"]), "<f4").reshape(data["rows"], data["width"])
+    columns, end = columns_of(recording, model), 0
+    assert list(data["layout"]) == list(columns)
+    for name, (start, width) in data["layout"].items():
+        np.testing.assert_allclose(table[:, start : start + width], columns[name], rtol=1e-6)
+        assert start == end
+        end += width
+    assert end == data["width"] and data["rows"] == len(recording.t)
+    assert data["step"] == pytest.approx(recording.t[1]) and (data["name"], data["colour"]) == ("ahsc", "#102030")
 
 
 @pytest.mark.parametrize(("array", "faces"), [("generalized", 1), ("patches", 2), ("tip", 2)])

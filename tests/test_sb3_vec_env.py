@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from sffr_agents.sb3_vec_env import make_sb3_vec_env
+from sffr_agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_gym.task.status import Failure
 
@@ -104,3 +104,36 @@ def test_actions_are_checked_as_they_are_given(actions):
     env.reset()
     with pytest.raises(ValueError, match="action"):
         env.step(actions)
+
+
+def test_a_batch_of_one_environment_takes_seeds_and_options():
+    """Its only row is the environment; rows are environments unless they are asked to be panels."""
+    env, single = make_sb3_vec_env(1), SFFRFlexDampingEnv()
+    assert env.num_envs == 1 and DampingVecEnv(env.env).num_envs == 1
+    assert env.observation_space == single.observation_space and env.action_space == single.action_space
+    env.seed(6)
+    env.set_options({"scenario": "nominal"})
+    expected = single.reset(seed=6, options={"scenario": "nominal"})[0]
+    np.testing.assert_array_equal(env.reset()[0], expected)
+    assert env.get_attr("scenario")[0].name == "nominal"
+    assert not np.array_equal(env.reset()[0], expected)  # a seed is of one reset
+
+
+@PER_PANEL
+def test_no_rows_are_wrapped_and_all_rows_of_an_environment_are_it(per_panel):
+    env = make_sb3_vec_env(3, per_panel)
+    assert env.env_is_wrapped(VecMonitor) == [False] * env.num_envs and env.env_is_wrapped(VecMonitor, [1]) == [False]
+    rows = env.num_envs // 3
+    assert env.seed(10) == [10] * rows + [11] * rows + [12] * rows
+    env.reset()
+    assert env.get_attr("np_random_seed", [0, env.num_envs - 1]) == [10, 12]
+
+
+@PER_PANEL
+def test_options_that_say_nothing_are_the_same(per_panel):
+    """None and an empty dict, in any row."""
+    env = make_sb3_vec_env(2, per_panel)
+    env.set_options([None, {}] * (env.num_envs // 2))
+    env.set_options(({},) * env.num_envs)
+    env.reset()
+    assert env.get_attr("scenario")[0].name == SFFRFlexDampingEnv().scenario.name

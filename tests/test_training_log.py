@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sffr_agents.folder import PROGRESS
-from sffr_agents.log import CsvLog, numbers
+from sffr_agents.log import Board, CsvLog, numbers
 from sffr_gym import ConfigError
 
 
@@ -62,3 +62,18 @@ def test_a_table_whose_steps_are_no_numbers_is_damaged(tmp_path):
     (tmp_path / PROGRESS).write_text("steps,loss\n8,1.0\nmany,2.0\n")
     with pytest.raises(ConfigError, match=r"progress\.csv: steps = 'many': must be a whole number"):
         CsvLog(tmp_path / PROGRESS, 8)
+
+
+@pytest.mark.parametrize(("steps", "kept"), [(7, [16]), (8, [8, 16]), (9, [8, 9, 16])])
+def test_tensorboard_forgets_what_came_after_the_step_where_a_training_goes_on(tmp_path, steps, kept):
+    """From the very next step on."""
+    pytest.importorskip("tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    for begun, written in (0, (8, 9)), (steps, (16,)):
+        board = Board(tmp_path, begun)
+        for step in written:
+            board.write({"loss": 1.0 * step}, {"loss": ()}, step)
+        board.close()
+    accumulator = EventAccumulator(str(tmp_path)).Reload()
+    assert [event.step for event in accumulator.Scalars("loss")] == kept
