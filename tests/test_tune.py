@@ -98,6 +98,16 @@ def test_an_interval_is_of_whole_numbers_if_both_of_its_ends_are():
     assert [Dimension(key="x", low=low, high=high).whole for low, high in ends] == [True, False, False, False]
 
 
+def test_an_interval_may_be_a_point_and_choices_may_be_one():
+    """For a setting that stands in the plan and is not searched; an interval of ratios may lie above 1 or below it."""
+    point, below = Dimension(key="x", low=2, high=2), Dimension(key="x", low=0.5, high=1.0, log=True)
+    assert point.ends == (2, 2) and point.whole and below.ends == (0.5, 1.0) and not below.whole
+    assert Dimension(key="x", choices=("a",)).ends == ("a",)
+    for wrong in ({"choices": ()}, {}, {"low": 1}, {"high": 1}, {"low": 1, "high": 2, "choices": (1,)}):
+        with pytest.raises(ValueError, match=r"at least 1|either low and high, or choices"):
+            Dimension(key="x", **wrong)
+
+
 def test_a_finished_search_goes_on_for_more_trials(plan, tmp_path):
     """And is not finished while it does."""
     tune(plan.model_copy(update={"trials": 1}), tmp_path)
