@@ -9,6 +9,7 @@ from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.physics.kinematics import rotation
 from sffr_gym.task.disturbances import Sensing, add_noise, philox, sense
+from sffr_gym.task.episode import draw, nominal
 from sffr_gym.task.reward import REWARDS
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import SIGNALS
@@ -88,6 +89,14 @@ def test_sensors_add_white_noise_and_round_it_where_they_do(params, key, coarse)
     if coarse:
         expected = np.floor(expected / 5e-3 + 0.5) * 5e-3
     np.testing.assert_allclose(obs, np.clip(expected, -task.bound, task.bound), rtol=0, atol=1e-15)
+
+
+def test_keys_of_noise_have_32_bits(params):
+    """Any of them but 0, which is none."""
+    scenario = load_scenario("noise")
+    known = nominal(params, scenario)
+    keys = np.array([draw(scenario, known, np.random.default_rng(seed)).sensing.key for seed in range(24)])
+    assert (keys >= 1).all() and 2**31 < keys.max() < 2**32 and keys.min() < 2**30
 
 
 def test_noise_is_white_and_normal():
@@ -173,8 +182,7 @@ def test_delay_shows_the_robot_of_a_period_ago(user_scenario):
         np.testing.assert_array_equal(late[:, at[name]], clean[:, at[name]])
     way = 15.0 * np.sin(0.85 / 15.0 * 2e-3 * np.arange(31))
     passed = np.diff(way)  # by the desired position along x in each period, 1.7 mm
-    for name in ("object_error", "base_error"):
-        x = at[name].start
+    for x in (at["object_error"].start, at["base_error"].start, *range(at["tip_error"].start, at["tip_error"].stop, 2)):
         np.testing.assert_allclose(late[1:, x], clean[:-1, x] + passed, rtol=0, atol=1e-14)
 
 

@@ -30,15 +30,16 @@ def test_both_saturation_and_swinging_are_needed(group, busy, energy, unstable):
     assert instability(signals(busy, energy, group), 0.1) == (REASONS[LIMIT_CYCLE] if unstable else "")
 
 
-def test_both_ends_count_as_stable():
-    """A quarter of a group and 5 % of the energy are not more than that; 2 s are long enough to tell."""
+@pytest.mark.parametrize("largest", [1.0, 8.0, 2.0**-20])
+def test_both_ends_count_as_stable(largest):
+    """A quarter of a group and 5 % of the energy, whatever that is, are not more than that; 2 s are enough to tell."""
     mean = np.zeros(N_SIGNALS)
     for busy, energy, ticks, unstable in (
         (0.25, 1.0, 1000, False), (np.nextafter(0.25, 1.0), 1.0, 1000, True), (1.0, 0.05, 1000, False),
         (1.0, np.nextafter(0.05, 1.0), 1000, True), (1.0, 1.0, 1000, True), (1.0, 1.0, 999, False),
     ):  # fmt: skip
-        mean[[SAT_THRUST, VIBRATION]] = busy, energy
-        assert bool(instability_of(mean, ticks, 1.0, 2.0e-3)) == unstable
+        mean[[SAT_THRUST, VIBRATION]] = busy, energy * largest
+        assert bool(instability_of(mean, ticks, largest, 2.0e-3)) == unstable
 
 
 @pytest.mark.parametrize(("ticks", "last"), [(1, 1), (3, 1), (4, 1), (7, 1), (8, 2), (11, 2), (400, 100)])
