@@ -88,15 +88,16 @@ class Mutant(NamedTuple):
         return str(mutate_code(before, get_operator(f"core/{self.operator}")(), self.occurrence))
 
 
-def matches(entry: dict[str, str], mutant: Mutant) -> bool:
+def matches(entry: dict[str, Any], mutant: Mutant) -> bool:
     """Say whether an accepted entry is about a mutant, wherever its line stands in the file by now.
 
-    An entry about one of several changes of its line says which: what it is ``changed`` to.
+    An entry about some of the changes of its line says which: what it is ``changed`` to, a text or several.
     """
     own = {"module": mutant.module, "function": mutant.function, "operator": mutant.operator, "line": mutant.text}
     if any(entry[name] != value for name, value in own.items()):
         return False
-    return "changed" not in entry or entry["changed"] == mutant.changed
+    changed = entry.get("changed", mutant.changed)
+    return mutant.changed in ([changed] if isinstance(changed, str) else changed)
 
 
 def mutants_of(module: str) -> list[Mutant]:

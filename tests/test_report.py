@@ -208,18 +208,6 @@ def test_use_counts_every_command_once(recording):
     assert all(shares[-2] == 1.0 for shares in use_of_limits(half).values())
 
 
-@pytest.mark.parametrize(
-    ("share", "place"),
-    [(0.0, 0), (0.9e-5, 0), (1.1e-5, 1), (2.0e-5, 1), (2.3e-5, 2), (0.9e-4, 3), (1.1e-4, 4), (0.09, 12), (0.11, 13),
-     (0.2, 13), (0.3, 14), (0.9, 15), (0.9999, 15), (1.0, 16)],
-)  # fmt: skip
-def test_use_of_limits_has_three_bins_a_decade(recording, share, place):
-    """From a hundred-thousandth on; what is less stands before them, what is at its limit behind."""
-    busy = Recording(**vars(recording) | {"applied": np.tile(share * recording.limit, (len(recording.t), 1))})
-    for shares in use_of_limits(busy).values():
-        assert [k for k, each in enumerate(shares) if each] == [place] and shares[place] == 1.0
-
-
 def test_dead_actuators_are_left_out(recording):
     limit = recording.limit.copy()
     limit[:3] = 0.0
