@@ -198,6 +198,7 @@ class Copy:
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(map(str, path)),
             "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # half of the time that a short test takes
             "SFFR_INTERPRETED": str(int(interpreted)),
         }
         command = [sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
