@@ -7,7 +7,7 @@ import pytest
 from sffr_baselines import POLICIES, make_policy
 from sffr_baselines.laws import ORACLES, make_law
 from sffr_baselines.learned import shipped_policies
-from sffr_baselines.policies import check_titles, names_policy, policy_file
+from sffr_baselines.policies import check_titles, names_policy, policy_file, policy_title
 from sffr_baselines.rollout import rollout
 from sffr_gym import ConfigError, load_params
 from sffr_gym.config.strict_yaml import config_dir
@@ -69,6 +69,29 @@ def test_policies_for_the_scheduled_law_are_schedules_and_that_law():
         make_policy("hsc", env)
     with pytest.raises(ConfigError, match="unknown policy 'ahcs'; did you mean 'ahsc'"):
         make_policy("ahcs", env)
+
+
+def test_a_law_of_ones_own_commands_actuators_and_schedules_nothing(tmp_path):
+    """Inside of a law it is refused as the others are; it is called by its class."""
+    (tmp_path / "mine.py").write_text(
+        "from sffr_baselines import ControlLaw\nimport numpy as np\n\n"
+        "class Calm(ControlLaw):\n    def __call__(self, obs):\n        return np.zeros(len(self.limit))\n"
+    )
+    name = f"{tmp_path / 'mine.py'}:Calm"
+    assert policy_title(name) == make_policy(name, SFFRFlexEnv()).name == "Calm"
+    with pytest.raises(ConfigError, match=r"Calm commands the actuators of SFFRFlex-v0"):
+        make_policy(name, gym.make("SFFRFlexDamping-v0"))
+
+
+def test_actions_are_as_commanded_or_fit_the_action_space():
+    """Of float64 beyond the limits, or of float32 within them; of no other type."""
+    env = SFFRFlexEnv("excited")
+    obs = 50.0 * env.reset(seed=1)[0]
+    commanded, fitted = (make_policy("hsc", env, dtype)(obs) for dtype in ("float64", "float32"))
+    assert commanded.dtype == np.float64 and np.abs(commanded).max() > 1.0
+    np.testing.assert_array_equal(fitted, np.clip(commanded, -1.0, 1.0).astype(np.float32), strict=True)
+    with pytest.raises(ValueError, match="dtype = 'float16': must be float64 or float32"):
+        make_policy("hsc", env, "float16")
 
 
 @pytest.mark.parametrize("name", ["lqr", "mpc", "ppf"])
