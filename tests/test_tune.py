@@ -11,7 +11,7 @@ from small_training import PPO_SMALL
 from sffr_agents import tune as module
 from sffr_agents.config import load_config
 from sffr_agents.folder import BEST
-from sffr_agents.tune_config import Dimension, TuneConfig, load_tune
+from sffr_agents.tune_config import TuneConfig, load_tune
 from sffr_agents.validation import Validator
 from sffr_baselines.learned import load_schedule
 from sffr_gym import ConfigError, load_params
@@ -93,21 +93,6 @@ def test_settings_as_they_are_are_tried_where_the_search_may_take_them(plan):
     assert module._untuned_values(other) == {"learning.n_epochs": 2, "network.per_panel": True}
 
 
-def test_an_interval_is_of_whole_numbers_if_both_of_its_ends_are():
-    ends = [(1, 3), (1, 3.0), (1.0, 3), (1.0, 3.0)]
-    assert [Dimension(key="x", low=low, high=high).whole for low, high in ends] == [True, False, False, False]
-
-
-def test_an_interval_may_be_a_point_and_choices_may_be_one():
-    """For a setting that stands in the plan and is not searched; an interval of ratios may lie above 1 or below it."""
-    point, below = Dimension(key="x", low=2, high=2), Dimension(key="x", low=0.5, high=1.0, log=True)
-    assert point.ends == (2, 2) and point.whole and below.ends == (0.5, 1.0) and not below.whole
-    assert Dimension(key="x", choices=("a",)).ends == ("a",)
-    for wrong in ({"choices": ()}, {}, {"low": 1}, {"high": 1}, {"low": 1, "high": 2, "choices": (1,)}):
-        with pytest.raises(ValueError, match=r"at least 1|either low and high, or choices"):
-            Dimension(key="x", **wrong)
-
-
 def test_a_finished_search_goes_on_for_more_trials(plan, tmp_path):
     """And is not finished while it does."""
     tune(plan.model_copy(update={"trials": 1}), tmp_path)
@@ -126,27 +111,3 @@ def test_folder_of_another_search_is_rejected(plan, tmp_path):
     tune(plan.model_copy(update={"trials": 1}), tmp_path / "run")
     with pytest.raises(ConfigError, match="another search"):
         tune(plan.model_copy(update={"seeds": 3}), tmp_path / "run")
-
-
-@pytest.mark.parametrize(
-    ("space", "message"),
-    [
-        ("{key: learning.gama, low: 0.9, high: 0.99}", "did you mean 'gamma'"),
-        ("{key: learning.gamma, low: 0.9, high: 1.5}", "must be at most 1"),
-        ("{key: learning.gamma, low: 0.9}", "needs either low and high, or choices"),
-        ("{key: learning.gamma, low: 0.9, high: 0.99, choices: [0.95]}", "needs either"),
-        ("{key: learning.gamma, low: 0.99, high: 0.9}", "must not exceed"),
-        ("{key: learning.ent_coef, low: 0.0, high: 0.1, log: true}", "positive low"),
-        ("{key: network.hidden, choices: [wide]}", "must be a list"),
-    ],
-)
-def test_errors_of_a_search_are_named(space, message, tmp_path):
-    file = tmp_path / "search.yaml"
-    file.write_text(f"train: ppo\nspace:\n  - {space}\n")
-    with pytest.raises(ConfigError, match=message):
-        load_tune(file)
-
-
-def test_every_shipped_search_is_valid():
-    for name in ("ppo", "sac"):
-        assert load_tune(name).train == name
