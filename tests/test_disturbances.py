@@ -70,9 +70,9 @@ def test_random_words_are_those_of_philox():
 
 def test_noise_is_white_noise_of_box_and_muller():
     """Two normal numbers of two words, the next two of the other words of a block; each at its own level."""
-    level, tick, key = np.array([1.0, 2.0, 0.5, 3.0, 0.25, 1.5]), 7, 12345
-    words_of = np.array([philox_in_words((tick, block, 0, 0), (key, 0)) for block in (0, 1)], np.float64).ravel()
-    u, v = ((words_of + 0.5) / 2.0**32).reshape(4, 2)[:3].T
+    level, tick, key = np.linspace(0.5, 3.0, 18), 7, 12345
+    words_of = np.array([philox_in_words((tick, block, 0, 0), (key, 0)) for block in range(5)], np.float64).ravel()
+    u, v = ((words_of + 0.5) / 2.0**32).reshape(10, 2)[:9].T
     normal = np.sqrt(-2.0 * np.log(u)) * np.array([np.cos(2.0 * np.pi * v), np.sin(2.0 * np.pi * v)])
     np.testing.assert_allclose(noises(level, key, tick + 1)[tick], level * normal.T.ravel(), rtol=1e-11)
 
