@@ -137,3 +137,17 @@ def test_options_that_say_nothing_are_the_same(per_panel):
     env.set_options(({},) * env.num_envs)
     env.reset()
     assert env.get_attr("scenario")[0].name == SFFRFlexDampingEnv().scenario.name
+
+
+@PER_PANEL
+def test_rows_tell_the_end_of_an_episode_from_its_time_limit(per_panel):
+    """Neither a step on the way nor a failure is one, for which a learner would count on what comes after."""
+    failing = make_sb3_vec_env(2, per_panel, duration=2.0, overrides=["limits.tip=0.03"])
+    failing.seed(0)
+    failing.reset()
+    told = [
+        (info["TimeLimit.truncated"], done)
+        for _ in range(12)
+        for done, info in zip(*failing.step(zeros(failing))[2:], strict=True)
+    ]
+    assert any(done for _, done in told) and not any(truncated for truncated, _ in told)
