@@ -11,25 +11,26 @@ from sffr_baselines.schedule import N_FEATURES
 LOG_AMPLITUDE = 4  # log10 of the root of a panel's energy over the reward's scale, as documented
 
 
-def observations(*logs):
-    """An observation of as many panels, whose other numbers say nothing of their energy."""
-    obs = np.random.default_rng(0).uniform(-1.0, 1.0, (len(logs), N_FEATURES))
-    obs[:, LOG_AMPLITUDE] = logs
+def observations(*logs, stack_size=1):
+    """An observation of as many panels, whose other numbers, older ones too, say nothing of their energy."""
+    obs = np.random.default_rng(0).uniform(-1.0, 1.0, (len(logs), stack_size, N_FEATURES))
+    obs[:, 0, LOG_AMPLITUDE] = logs
     return obs.ravel()
 
 
+@pytest.mark.parametrize("stack_size", [1, 4])
 @pytest.mark.parametrize(
     ("logs", "expected"),
     [((0.0,), 1.02), ((1.0,), 100.02), ((0.5,), 10.02), ((-3.0,), 0.020001), ((-3.0, -3.0), 0.040002),
      ((0.0, 1.0), 101.04), ((1.0, -0.5, 0.0), 101.16)],
 )  # fmt: skip
-def test_energies_add_up_over_the_panels_and_never_vanish(logs, expected):
+def test_energies_add_up_over_the_panels_and_never_vanish(logs, expected, stack_size):
     """Each in units of the reward's scale, plus 2 % of it, which a damped panel keeps; one for each observation."""
-    obs = observations(*logs)
-    assert energy(obs) == pytest.approx(expected, rel=1e-9)
-    many = energy(np.stack([obs, observations(*(1.0 for _ in logs)), obs]))
+    obs = observations(*logs, stack_size=stack_size)
+    assert energy(obs, stack_size) == pytest.approx(expected, rel=1e-9)
+    many = energy(np.stack([obs, observations(*(1.0 for _ in logs), stack_size=stack_size), obs]), stack_size)
     np.testing.assert_allclose(many, [expected, 100.02 * len(logs), expected], rtol=1e-9)
-    np.testing.assert_allclose(energy(torch.as_tensor(obs)), expected, rtol=1e-9)
+    np.testing.assert_allclose(energy(torch.as_tensor(obs), stack_size), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", [SchedulePolicy, EnergyPolicy])

@@ -12,9 +12,9 @@ ENDS = {
     "law.B_hat": (0.0, None), "law.factor": (0.0, None), "law.share": (0.0, 1.0), "law.demand": (0.0, None),
     "law.late": (0.0, 1.0), "law.age": (0.0, MOST_TICKS), "law.integral": (-FAR, FAR), "law.errors": (-FAR, FAR),
     "law.filters": (-FAR, FAR), "law.plan": (-FAR, FAR), "law.wait": (-1.0, MOST_TICKS), "end": (0, MOST_TICKS),
-    "features": (-5.0, 5.0),
+    "law.seen": (-5.0, 5.0),
 }  # fmt: skip
-COLUMN = {"features": 6}  # the acceleration's rate, which may have either sign
+COLUMN = {"law.seen": 6}  # the acceleration's rate, which may have either sign
 
 
 @pytest.fixture(scope="module")

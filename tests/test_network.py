@@ -22,7 +22,7 @@ def network(relu=False, squash=False, matrices=TWO, biases=BIASES):
 def schedule(net=None, panels=2, **changes):
     """A schedule of a network of two inputs and one output for each panel."""
     names = tuple(f"see{k}" for k in range(2 * panels)), tuple(f"do{k}" for k in range(panels))
-    made = LearnedSchedule(net or network(), "ahsc", 10.0, 0.1, None, *names, (5e-3, 0.04, 1e-3), {"algo": "none"})
+    made = LearnedSchedule(net or network(), "ahsc", 10.0, 0.1, None, 1, *names, (5e-3, 0.04, 1e-3), {"algo": "none"})
     return replace(made, **changes)
 
 
