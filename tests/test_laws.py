@@ -115,8 +115,9 @@ def test_a_policy_counts_control_periods():
 
 @pytest.mark.parametrize("shape", [(52,), (1, 52), (3, 52)])
 def test_actions_have_the_shape_of_their_observations(shape):
-    policy = make_policy("hsc", load_params())
-    assert policy(np.zeros(shape)).shape == (*shape[:-1], 15)
+    env = SFFRFlexEnv()
+    policy = make_policy("hsc", env)
+    assert policy(np.broadcast_to(env.reset(seed=0)[0], shape)).shape == (*shape[:-1], 15)
     for wrong in (np.zeros((2, 51)), np.zeros((1, 2, 52)), np.zeros(1)):
         with pytest.raises(ValueError, match="expects observations of 52 numbers"):
             policy(wrong)

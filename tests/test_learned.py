@@ -204,7 +204,7 @@ def test_schedules_are_read_by_name_and_by_path():
 def test_unknown_schedule_is_named_with_the_nearest(name, hint):
     with pytest.raises(ConfigError) as error:
         load_schedule(name)
-    assert f"nor an .npz file{hint} (shipped: ppo, sac)" in str(error.value)
+    assert f"nor an .npz file{hint} (shipped: mpc-scheduled, ppo, sac)" in str(error.value)
 
 
 @pytest.mark.parametrize(
