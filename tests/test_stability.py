@@ -100,6 +100,15 @@ def test_largest_damping_is_where_stability_ends(coordinate, period):
     assert sampled_growth(model, 1.001 * largest * direction, ALL, period) > 1.0
 
 
+@pytest.mark.parametrize("scale", [1.0e-6, 1.0e6])
+@pytest.mark.parametrize("period", [2.0e-3, 2.0e-2])
+def test_the_largest_damping_does_not_depend_on_what_it_is_a_multiple_of(scale, period):
+    """A direction a million times as long has a millionth of the factor."""
+    usual, scaled = (largest_stable_damping(model_of(), k * np.array(B0), ALL, period) for k in (1.0, scale))
+    assert 0.0 < usual < np.inf
+    assert scaled == pytest.approx(usual / scale, rel=1e-6)
+
+
 def test_no_axial_damping_at_all_is_stable_for_an_undamped_panel_at_2_ms():
     assert largest_stable_damping(model_of("panel.strain_rate_damping=0"), B0, ALL, 2.0e-3) == 0.0
 
