@@ -15,8 +15,8 @@ whether the tests notice them. The equations of motion, the integrators, the act
 which tests run, and why a survivor is accepted.
 """
 SAMPLED = """
-Of some modules only samples are tested (`--sample`; another one with `--draw`). Tests were written for those of them that had
-survived: of the mutants outside, fewer will be caught.
+Of some modules only samples are tested (`--sample`; another one with `--draw`). Tests were written for those of them
+that had survived: of the mutants outside, fewer will be caught.
 """
 
 
