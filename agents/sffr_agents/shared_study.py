@@ -22,7 +22,7 @@ from sffr_gym.config.files import short_hash
 from sffr_gym.config.strict_yaml import ConfigError
 
 PREFIX = "sffr-"  # of a study's name, the hash of its search behind
-ATTEMPTS, PAUSE = 10, 0.5  # to open a database whose tables others are making, s between them
+ATTEMPTS, PAUSE = 10, 0.5  # to find what others are making, tables or the first trial, s between them
 
 
 def is_database(storage: object) -> bool:
@@ -31,9 +31,18 @@ def is_database(storage: object) -> bool:
 
 
 class SharedTrials(Trials):
-    """The trials of one search, of which others may be running elsewhere; see :class:`study.Trials`."""
+    """The trials of one search, of which others may be running elsewhere; see :class:`study.Trials`.
+
+    Args:
+        arguments: of :class:`study.Trials`.
+        begun_here: this process made the study, of several that may have begun together.
+    """
 
     _running: optuna.Trial | None = None
+
+    def __init__(self, *arguments: Any, begun_here: bool) -> None:
+        super().__init__(*arguments)
+        self._begun_here = begun_here
 
     def propose(self, untuned: dict[str, Value], seed: int) -> dict[str, Value]:
         """Return the values of the next trial: the untuned ones for whoever comes first, then what TPE samples.
@@ -42,8 +51,12 @@ class SharedTrials(Trials):
             untuned: values of the first trial; those that are missing are sampled.
             seed: of the search; of no effect, since trials depend on what other machines have finished.
         """
+        for _ in range(0 if self._begun_here else ATTEMPTS):  # whoever made the study begins, or was killed before
+            if self._study.get_trials(deepcopy=False):
+                break
+            time.sleep(PAUSE)
         if not self._study.get_trials(deepcopy=False):
-            self._study.enqueue_trial(untuned, skip_if_exists=True)
+            self._study.enqueue_trial(untuned)
         self._running = self._study.ask(fixed_distributions=self._space)
         return self._running.params
 
@@ -74,13 +87,16 @@ def open_shared(url: str, search: dict[str, Any], space: tuple[Dimension, ...]) 
     try:
         sampler = optuna.samplers.TPESampler(constant_liar=True)  # keeps away from what others are trying
         name = f"{PREFIX}{short_hash(search)}"
-        study = optuna.create_study(storage=storage, study_name=name, sampler=sampler, load_if_exists=True)
+        try:
+            study, begun_here = optuna.create_study(storage=storage, study_name=name, sampler=sampler), True
+        except optuna.exceptions.DuplicatedStudyError:
+            study, begun_here = optuna.load_study(storage=storage, study_name=name, sampler=sampler), False
         held = study.user_attrs.get(SEARCH)
         if held is None:
             study.set_user_attr(SEARCH, search)
         elif first_difference(held, search):
             raise ConfigError(f"{shown}: its study {name} is of another search")
-        yield SharedTrials(shown, study, space)
+        yield SharedTrials(shown, study, space, begun_here=begun_here)
     except SQLAlchemyError as error:
         raise ConfigError(f"{shown}: {_first_line(error, url)}") from None
     finally:

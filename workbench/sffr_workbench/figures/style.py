@@ -28,7 +28,9 @@ POLICY_COLOURS = {
     "none": "#7F7F7F", "hsc": "#0072B2", "ahsc": "#D55E00", "ahsc-filtered": "#009E73", "random": "#CC79A7",
     "hsc-tuned": "#56B4E9", "lqr": "#E69F00",
 }  # fmt: skip
-OTHER_COLOURS = ("#882255", "#44AA99", "#000000", "#999933", "#332288")  # of further policies, in turn
+OTHER_COLOURS = (  # of further policies, in turn; Tol's muted ones, as many as the benchmark needs
+    "#882255", "#44AA99", "#000000", "#999933", "#332288", "#CC6677", "#117733", "#DDCC77", "#6699CC", "#661100",
+)  # fmt: skip
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # of quantities that are no policies
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9, "axes.grid": True,

@@ -68,7 +68,7 @@ LOOP = {  # file: function: what it computes
         "_reference_motion": "path", "_lag": "delay",
     },
     f"{LAWS}/schedule.py": {
-        "write_features": "features", "_write_products": "features", "base_off_path": "weight",
+        "_write_features": "features", "_write_products": "features", "base_off_path": "weight",
         "apply_decision": "weight", "_propagate": "network",
     },
     f"{LAWS}/stability.py": {"feedback_growth": "sampling", "_sampled_modes": "sampling"},
@@ -131,7 +131,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("problem", "unknown"): "the cost is a square of the unknowns",
     ("_filters", "settings.swing / shapes[0, 0]"): "its magnitude is taken",
     ("_kalman_gain", "1.0e-30 * np.eye(2)"): "far below rounding",
-    ("write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
+    ("_write_features", "side / size"): "a motion and its mirror image, seen the other way around for all panels",
     ("apply_decision", "base_off_path(law, obs) / schedule.tolerance"): "it enters as its square",
     ("freeze", "weight * p[stiff.at[k]]"): "amplitudes count from anywhere: what is split off them is given back",
     ("freeze", "weight * v[stiff.at[k]]"): "rates likewise: steady motion is quadratic forcing, which is exact",
