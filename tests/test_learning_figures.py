@@ -7,11 +7,14 @@ from typer.testing import CliRunner
 
 from sffr_agents.train import train
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
+from sffr_baselines.laws import make_law
 from sffr_baselines.learned import LearnedSchedule, Network, save_schedule
 from sffr_baselines.schedule import FEATURES, N_FEATURES
 from sffr_gym import ConfigError, load_params
 from sffr_workbench.cli.app import app
 from sffr_workbench.figures.learning import Curve, by_algorithm, learning_curves, read_curve, schedule_figure
+
+STEP = 0.1 * make_law("ahsc", load_params()).schedule.omega[0, 0]  # rad, of the first mode from action to action
 
 
 def curve(seed, steps=(100.0, 200.0), algo="ppo", ratio=0.5):
@@ -67,6 +70,28 @@ def test_schedule_is_drawn_against_the_phase(phased):
         for line in axes.lines[:4]:
             phase, factor = np.radians(line.get_xdata()), np.log10(line.get_ydata())
             np.testing.assert_allclose(factor, np.abs(np.sin(phase) if fastest else np.cos(phase)), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "age", "shown"),
+    [
+        ("mode1_potential_less_kinetic", 0, lambda phase: np.cos(phase) ** 2 - np.sin(phase) ** 2),
+        ("mode1_displacement_by_rate", 0, lambda phase: -2.0 * np.cos(phase) * np.sin(phase)),
+        ("mode1_displacement", 3, lambda phase: np.cos(phase - 3 * STEP)),
+        ("mode1_rate", 1, lambda phase: -np.sin(phase - STEP)),
+        ("base_error", 0, lambda phase: np.full_like(phase, -1.0)),
+        ("piezo_demand", 2, lambda phase: np.full_like(phase, -1.0)),
+    ],
+)
+def test_a_schedule_is_shown_what_it_would_see_of_a_swing(name, age, shown):
+    """Products of the coordinates too, a base on its path, actuators that rest, and the same swing earlier on."""
+    weights = np.zeros((2, 4, N_FEATURES))
+    bound = dict(FEATURES)[name]
+    weights[:, age, [each for each, _ in FEATURES].index(name)] = 1.0 / bound
+    network = Network((weights.reshape(2, -1),), (np.zeros(2),), relu=False, squash=False)
+    schedule = LearnedSchedule.of(network, SFFRFlexDampingEnv(stack_size=4), {})
+    line = schedule_figure(schedule, load_params()).axes[0].lines[0]
+    np.testing.assert_allclose(np.log10(line.get_ydata()), shown(np.radians(line.get_xdata())), atol=1e-6)
 
 
 def test_phase_command_takes_files_of_policies_alone(phased, tmp_path):

@@ -35,6 +35,7 @@ SHADES = ("#440154", "#31688E", "#35B779", "#B5A800")  # of them
 PHASES, PLACES = 121, 24  # of the swing, and around the circle
 SHOWN = 40.0  # s of the episode
 TOP = 1.1  # of the learning curves, in units of AHSC's vibration
+LABELS = {"feedback": "feedback", "reaction": "panel's reaction"}  # of decisions that are none about a damping
 STRIDE = 25  # control periods between two points of the episode
 
 
@@ -128,7 +129,8 @@ def schedule_figure(schedule: LearnedSchedule, params: Params) -> Figure:
         axes.set_xlim(0.0, 360.0)
         axes.set_xticks(range(0, 361, 90))
         axes.set_xlabel("phase [°]: bent most at 0 and 180, fastest at 90 and 270")
-        axes.set_ylabel(f"factor of the damping of {name.partition('_')[2]}")
+        what = name.partition("_")[2]
+        axes.set_ylabel(f"factor of the {LABELS.get(what, f'damping of {what}')}")
         axes.axhline(1.0, color=POLICY_COLOURS[REFERENCE], linewidth=1.0)
     _draw_episode(grid[1], schedule, params)
     return legend(figure, grid[0, 0], title="swing of the tip")
@@ -154,10 +156,10 @@ def _cut(curve: Curve, count: int) -> Curve:
 
 
 def _decisions(schedule: LearnedSchedule, params: Params, tip: float, phase: Array) -> Array:
-    """Return decisions (places, phases, 2) for the left panel swinging in its first mode, the other at rest.
+    """Return decisions (places, phases, 2) for the left panel swinging in its first mode, on the path, others at rest.
 
     Args:
-        schedule: the policy.
+        schedule: the policy; what it remembers is the swing before.
         params: the robot that it believes in.
         tip: amplitude of the tip [m].
         phase: (n,) of the swing [rad].
@@ -165,17 +167,22 @@ def _decisions(schedule: LearnedSchedule, params: Params, tip: float, phase: Arr
     law = schedule.policy(params).law.schedule
     amplitude = law.omega[0, 0] * tip / np.linalg.inv(law.modes[0])[0, 0]  # its square is twice the energy
     place = np.linspace(-0.5 * np.pi, 0.5 * np.pi, PLACES)[:, None]  # the others are mirror images
-    seen = np.zeros((PLACES, len(phase), len(schedule.obs_names)))
     names = [name for name, _ in FEATURES]
-    own = {
-        "mode1_displacement": np.cos(phase), "mode1_rate": -np.sin(phase),
-        "log_amplitude": 0.5 * np.log10(0.5 * amplitude**2 / law.energy),
-        "acceleration": np.cos(place), "acceleration_rate": -np.sin(place),
-    }  # fmt: skip
-    for name, values in own.items():
-        seen[:, :, names.index(name)] = values
-    seen[:, :, len(FEATURES) + names.index("log_amplitude")] = -3.0
-    return schedule.predict(seen)[0][..., :2].astype(np.float64)
+    seen = np.zeros((PLACES, len(phase), params.n_panels, schedule.stack_size, len(FEATURES)))
+    for name, value in (("log_amplitude", -3.0), ("piezo_demand", -2.0), ("thruster_or_joint_demand", -2.0),
+                        ("base_error", -3.0)):  # fmt: skip
+        seen[..., names.index(name)] = value  # nothing, as a logarithm
+    for age in range(schedule.stack_size):
+        before = phase - law.omega[0, 0] * age * schedule.agent_period
+        own = {
+            "mode1_displacement": np.cos(before), "mode1_rate": -np.sin(before),
+            "mode1_potential_less_kinetic": np.cos(2.0 * before), "mode1_displacement_by_rate": -np.sin(2.0 * before),
+            "log_amplitude": 0.5 * np.log10(0.5 * amplitude**2 / law.energy),
+            "acceleration": np.cos(place), "acceleration_rate": -np.sin(place),
+        }  # fmt: skip
+        for name, values in own.items():
+            seen[:, :, 0, age, names.index(name)] = values
+    return schedule.predict(seen.reshape(PLACES, len(phase), -1))[0][..., :2].astype(np.float64)
 
 
 def _draw_episode(row: Sequence[Axes], schedule: LearnedSchedule, params: Params) -> None:
