@@ -187,12 +187,7 @@ def load_config(name: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ConfigError: for a file, a key or a value that is not valid.
     """
     data, where = read_mapping(find_config(name, folder="train"))
-    model = _model(data, where)
-    config = build(model, data, where)
-    if overrides:
-        data, where = apply_overrides(config.model_dump(mode="json"), overrides)
-        config = build(model, data, where)
-    return _feasible(config, where)
+    return _feasible(*_build_with(_model(data, where), data, where, overrides))
 
 
 def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
@@ -202,8 +197,18 @@ def from_dict(data: dict[str, Any], where: Where) -> TrainConfig:
 
 def build_section(model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]) -> SectionT:
     """Validate what a file holds, then the assignments on top of it; raises ConfigError."""
+    return _build_with(model, data, where, overrides)[0]
+
+
+def _build_with(
+    model: type[SectionT], data: dict[str, Any], where: Where, overrides: Sequence[str]
+) -> tuple[SectionT, Where]:
+    """Return what :func:`build_section` does, and what names the place of a key in it."""
     section = build(model, data, where)
-    return build(model, *apply_overrides(section.model_dump(mode="json"), overrides)) if overrides else section
+    if not overrides:
+        return section, where
+    changed, where = apply_overrides(section.model_dump(mode="json"), overrides)
+    return build(model, changed, where), where
 
 
 def _feasible(config: TrainConfig, where: Where) -> TrainConfig:
