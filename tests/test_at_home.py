@@ -133,7 +133,7 @@ def test_policies_of_the_damping_environment():
     with pytest.raises(sffr_gym.ConfigError, match="unknown policy 'scc'"):
         make_policy("scc", env)
     single = "panel.mounts=[{name: single, root: [-0.3, 0.5], angle: 1.5707963}]"
-    with pytest.raises(sffr_gym.ConfigError, match="was made for the observations"):
+    with pytest.raises(sffr_gym.ConfigError, match="was made for another environment: law=ahsc, stack_size=1"):
         make_policy("sac", SFFRFlexDampingEnv(overrides=[single]))
 
 

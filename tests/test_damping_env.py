@@ -160,27 +160,6 @@ def see(law, obs, demand=(0.0, 0.0, 0.0)):
     return damping.law.seen[0]
 
 
-@pytest.mark.parametrize("scenario", ["noise", "excited"])
-def test_a_memory_holds_what_earlier_actions_saw(scenario):
-    """Panel by panel, the newest first, zeros for what was before the start; single, batched, and after a reset."""
-    plain, stacked = make(scenario=scenario), make(scenario=scenario, stack_size=3)
-    batch = SFFRFlexDampingVectorEnv(3, scenario=scenario, duration=1.0, stack_size=3)
-    rng = np.random.default_rng(0)
-    for seed in (1, 0):
-        seen = [plain.reset(seed=seed)[0].reshape(2, N_FEATURES)]
-        obs, rows = stacked.reset(seed=seed)[0], batch.reset(seed=[9, seed, 5])[0]
-        for _ in range(5):
-            np.testing.assert_array_equal(rows[1], obs)
-            newest = [*seen[::-1], *2 * [np.zeros((2, N_FEATURES))]][:3]
-            np.testing.assert_array_equal(obs.reshape(2, 3, N_FEATURES), np.stack(newest, axis=1))
-            action = rng.uniform(-1.0, 1.0, 4).astype(np.float32)
-            seen.append(plain.step(action)[0].reshape(2, N_FEATURES))
-            obs, rows = stacked.step(action)[0], batch.step(np.tile(action, (3, 1)))[0]
-    names = stacked.obs_names
-    assert names[: N_FEATURES + 1] == (*plain.obs_names[:N_FEATURES], "left_mode1_displacement_1")
-    assert names[3 * N_FEATURES] == "right_mode1_displacement" and len(names) == len(set(names)) == 6 * N_FEATURES
-
-
 @functools.cache
 def default_law():
     return make().law

@@ -26,7 +26,7 @@ from sffr_agents.progress import read_progress
 from sffr_agents.train import resume, train
 from sffr_agents.validation import hash_of_suite
 from sffr_baselines.learned import load_schedule
-from sffr_baselines.schedule import LOG_AMPLITUDE, N_FEATURES
+from sffr_baselines.schedule import N_FEATURES
 from sffr_gym import ConfigError, load_params
 from sffr_workbench.cli.app import app
 
@@ -230,31 +230,6 @@ def test_energy_scaling_is_what_the_configuration_says(algo, scaled):
         model.replay_buffer.add(obs, obs, actions, np.full(4, -50.0), np.zeros(4), [{}] * 4)
         learned = model.replay_buffer.sample(8).rewards
     np.testing.assert_allclose(learned, -50.0 / (100.0 + energy_scaling.FLOOR) if scaled else -50.0, rtol=1e-5)
-
-
-@pytest.mark.parametrize("algo", ["ppo", "sac"])
-def test_energy_is_that_of_the_newest_observation(algo):
-    """With a memory: older observations tell other energies, by which nothing is divided."""
-    model, env = make_model(small(algo, "environment.stack_size=3"), seed=0)
-    obs = np.zeros((4, 3, N_FEATURES), np.float32)
-    obs[:, :, LOG_AMPLITUDE] = [1.0, -1.0, 0.5]
-    obs, actions, unit = obs.reshape(4, -1), np.zeros((4, 2), np.float32), 100.0 + energy_scaling.FLOOR
-    assert env.observation_space.shape == (3 * N_FEATURES,)
-    if algo == "ppo":
-        seen = torch.as_tensor(obs)
-        critic = ActorCriticPolicy.predict_values(model.policy, seen)
-        for values in (model.policy.predict_values(seen), model.policy(seen)[1]):
-            torch.testing.assert_close(values, critic * unit)
-        for _ in range(8):
-            model.rollout_buffer.add(obs, actions, np.full(4, -50.0), np.zeros(4), torch.zeros(4), torch.zeros(4))
-        model.rollout_buffer.compute_returns_and_advantage(torch.zeros(4), np.zeros(4))
-        learned = model.rollout_buffer.returns[-1]
-    else:
-        model.replay_buffer.add(obs, 0.0 * obs, actions, np.full(4, -50.0), np.zeros(4), [{}] * 4)
-        samples = model.replay_buffer.sample(8)
-        learned = samples.rewards
-        np.testing.assert_allclose(samples.discounts, 0.98 * (1.0 + energy_scaling.FLOOR) / unit, rtol=1e-5)
-    np.testing.assert_allclose(learned, -50.0 / unit, rtol=1e-5)
 
 
 def test_replay_counts_alike_at_any_amplitude():

@@ -9,6 +9,7 @@ import pytest
 from postgres import PASSWORD, running_server
 from small_training import PPO_SMALL
 
+from sffr_agents import shared_study
 from sffr_agents import tune as module
 from sffr_agents.folder import BEST
 from sffr_agents.shared_study import is_database, open_shared
@@ -19,6 +20,7 @@ SEARCHER = """
 import sys, time
 from pathlib import Path
 import numpy as np
+from sffr_agents import shared_study
 from sffr_agents import tune as module
 from sffr_agents.tune_config import load_tune
 
@@ -57,6 +59,19 @@ def test_processes_search_together(search, tmp_path):
     assert sum(trial.params == untuned for trial in found) == 1
     best = [(tmp_path / name / module.BEST_CONFIG).exists() for name in ("one", "two")]
     assert best == [True, True]
+
+
+def test_whoever_finds_a_search_waits_for_the_one_that_made_it(search, tmp_path, monkeypatch):
+    """And begins itself if that one was killed before its first trial."""
+    plan, url = load_tune(search), f"sqlite:///{tmp_path}/trials.db?timeout=60"
+    untuned, about = module._untuned_values(plan), module.Search.of(plan, 0)
+    with open_shared(url, about, plan.space) as maker, open_shared(url, about, plan.space) as finder:
+        monkeypatch.setattr(shared_study.time, "sleep", lambda seconds: maker.propose(untuned, 0))
+        assert finder.propose(untuned, 0) != untuned == maker._running.params
+    monkeypatch.setattr(shared_study.time, "sleep", lambda seconds: None)
+    other = f"sqlite:///{tmp_path}/other.db?timeout=60"
+    with open_shared(other, about, plan.space), open_shared(other, about, plan.space) as finder:
+        assert finder.propose(untuned, 0) == untuned
 
 
 @pytest.mark.slow

@@ -74,8 +74,7 @@ class ScenarioEpisodes:
         arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
         self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
         reference = _batch(scenario, len(self._seeds), law=REFERENCE)
-        panels = _shape(reference)
-        measures, failed = run_episodes(reference, self._seeds, np.zeros((1, *panels)))
+        measures, failed = run_episodes(reference, self._seeds, np.zeros((1, *_shape(reference))))
         self._usual = measures.mean(axis=(1, 2))
         if failed.any() or not (self._usual > 0.0).all():
             raise ConfigError(f"{scenario}: AHSC fails there, or leaves nothing that a cost could be relative to")

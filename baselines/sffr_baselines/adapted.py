@@ -95,5 +95,8 @@ def policy_inside(name: str, title: str, env: DampingEnv) -> LawInside:
         )
     schedule = load_schedule(name)
     if (schedule.obs_names, schedule.action_names) != (env.obs_names, env.action_names):
-        raise ConfigError(f"{name} was made for the observations {', '.join(schedule.obs_names)}")
+        raise ConfigError(
+            f"{name} was made for another environment: law={schedule.law}, stack_size={schedule.stack_size}, with the "
+            f"actions {', '.join(schedule.action_names)}"
+        )
     return ScheduleInside(title, schedule)

@@ -56,8 +56,8 @@ class DampingEnvironment(RobotEnvironment):
 
     def _kept(self) -> dict[str, Any]:
         schedule = self.law.schedule
-        law = f"{self.law_name}, rho {schedule.rho!r}, hold {schedule.hold}, tolerance {schedule.tolerance!r}"
-        law += f", stack {schedule.stack}"
+        held = f"hold {schedule.hold}, tolerance {schedule.tolerance!r}, stack {schedule.stack}"
+        law = f"{self.law_name}, rho {schedule.rho!r}, {held}"
         return super()._kept() | {"law": law, "damping": self._damping}
 
     def _check(self, kept: dict[str, Any]) -> Any:

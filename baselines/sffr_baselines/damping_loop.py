@@ -47,9 +47,7 @@ SMALLEST_CHUNK = 1  # environments that pay for a thread: a decision holds many 
 class Damping(NamedTuple):
     """What ``n`` closed loops have beyond their :class:`batch.Batch`."""
 
-    law: (
-        LawState  #: (n, ...) of the law; ``factor`` and ``share`` are the last decision's, ``seen`` is for the next one
-    )
+    law: LawState  #: (n, ...) of the law; ``factor`` and ``share`` of the last decision, ``seen`` for the next one
     price: Array  #: (n, n_p) of the last decision, panel by panel: what the score takes of it; see ``_add``
     end: IntArray  #: (n,) control period at which the episode is over
 

@@ -140,8 +140,8 @@ class LearnedSchedule:
         law = scheduled_law(prior, self.law, self.rho, self.agent_period, self.base_tolerance, self.stack_size)
         if (observation_names(prior, self.stack_size), action_names(prior, law)) != (self.obs_names, self.action_names):
             raise UnfitError(
-                f"{name} was made for a robot with the observations {', '.join(self.obs_names)} and the actions "
-                f"{', '.join(self.action_names)}"
+                f"{name} was made for a robot with the actions {', '.join(self.action_names)} and "
+                f"{len(self.obs_names)} observations ({self.obs_names[0]} to {self.obs_names[-1]})"
             )
         energy, acceleration, rate = self.scaling
         schedule = law.schedule._replace(
