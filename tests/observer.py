@@ -5,7 +5,7 @@ import numpy as np
 from sffr_baselines.laws import LawPolicy, make_law
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
-from sffr_gym.envs.batch import make_batch, observe_row, put_episode
+from sffr_gym.envs.batch import make_batch, observe_range, put_episode
 from sffr_gym.physics.initial import close_grasps, initial_positions, match_joint_rates
 from sffr_gym.physics.kinematics import arm_points, perpendicular, rotation
 from sffr_gym.physics.model import mode_slice
@@ -36,7 +36,7 @@ class Observer:
         batch = make_batch(self.robot, 1)
         put_episode(batch, 0, self.episode._replace(p=p, v=v, reference=self.reference))
         batch.tick[0] = tick
-        observe_row(self.plants, batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(self.robot)))
+        observe_range(self.plants, batch, np.ones(1, dtype=np.bool_), new_workspace(period_shapes(self.robot)), 0, 1)
         return batch.obs[0]
 
     def perturbed(self, seed):

@@ -36,7 +36,7 @@ def means(scenario, policy, count):
 
 def test_ahsc_costs_1_and_its_measures_are_the_scores(swinging):
     """Energy and error are taken every 0.1 s, effort is all of it."""
-    episodes, law = ScenarioEpisodes(swinging, settings(swinging)), np.zeros((4, 2, N_FEATURES + 1))
+    episodes, law = ScenarioEpisodes(swinging, settings(swinging)), [np.zeros((4, 2, N_FEATURES + 1))]
     np.testing.assert_allclose(episodes.costs(law), 1.0, rtol=1e-12)
     vibration, error, effort = means(swinging, "ahsc", 2)
     assert episodes._usual[2] == pytest.approx(effort, rel=1e-9)
@@ -47,7 +47,7 @@ def test_episodes_of_any_length_count_alike_and_what_comes_after_them_does_not(u
     """A circle of 2 m is flown once around at 0.3 to 0.6 m/s: 42 s to 21 s."""
     file = user_scenario("lengths", speed=[0.3, 0.6], robot=["path.radius=2.0"])
     episodes = ScenarioEpisodes(file, settings(file))
-    first, second = (run_episodes(_batch(file, 1, law="ahsc"), [seed], np.zeros((1, 2, N_FEATURES + 1)))[0]
+    first, second = (run_episodes(_batch(file, 1, law="ahsc"), [seed], [np.zeros((1, 2, N_FEATURES + 1))])[0]
                      for seed in (VALIDATION_SEED, VALIDATION_SEED + 1))  # fmt: skip
     np.testing.assert_allclose(episodes._usual, ((first + second) / 2.0).ravel(), rtol=1e-12)
     env = SFFRFlexEnv(file)
@@ -60,7 +60,7 @@ def test_an_episode_that_fails_costs_ten_times_ahscs(short_swing, user_scenario)
     lost = user_scenario("lost", duration=0.4, robot=["limits.tip=0.01"], panel_modes=MODES)
     episodes = ScenarioEpisodes(short_swing, settings(short_swing))
     episodes.batch = _batch(lost, 8, law="ahsc")
-    np.testing.assert_allclose(episodes.costs(np.zeros((4, 2, N_FEATURES + 1))), 10.0, rtol=1e-12)
+    np.testing.assert_allclose(episodes.costs([np.zeros((4, 2, N_FEATURES + 1))]), 10.0, rtol=1e-12)
     with pytest.raises(ConfigError, match=r"lost.*AHSC fails there"):
         ScenarioEpisodes(lost, settings(lost))
 
@@ -90,17 +90,17 @@ def test_a_search_goes_on_from_what_it_has_found(short_swing):
     *_, (found, cost) = find_bound(settings(short_swing))
     ((_, near),) = find_bound(settings(short_swing, generations=1, spread=1e-6), found)
     assert near == pytest.approx(cost, rel=1e-4)
-    with pytest.raises(ConfigError, match="begins from a linear schedule of 18 inputs and 2 outputs"):
+    with pytest.raises(ConfigError, match="begins from a schedule with layers of 18, 2"):
         next(find_bound(settings(short_swing), load_schedule("ppo")))
 
 
 def test_effort_has_the_price_that_is_asked_for(short_swing):
     """What it costs at thrice the score's price, less the cost at none, is three twentieths of the effort's ratio."""
-    weights = np.random.default_rng(0).normal(size=(4, 2, N_FEATURES + 1))
+    layers = [np.random.default_rng(0).normal(size=(4, 2, N_FEATURES + 1))]
     dear, free = (ScenarioEpisodes(short_swing, settings(short_swing, effort_price=price)) for price in (3.0, 0.0))
-    measures, _ = run_episodes(dear.batch, dear._seeds * 4, weights)
+    measures, _ = run_episodes(dear.batch, dear._seeds * 4, layers)
     effort = (measures[2] / dear._usual[2]).mean(axis=1)
-    np.testing.assert_allclose(dear.costs(weights) - free.costs(weights), 0.15 * effort, rtol=1e-9)
+    np.testing.assert_allclose(dear.costs(layers) - free.costs(layers), 0.15 * effort, rtol=1e-9)
 
 
 def test_the_first_candidates_spread_is_the_documents():
@@ -124,8 +124,24 @@ def test_a_search_with_a_memory_sees_earlier_observations(short_swing):
     (matrix,) = schedule.network.matrices
     assert np.flatnonzero(matrix.any(axis=0)).tolist() == [1, 1 + N_FEATURES, 1 + 2 * N_FEATURES]
     assert schedule.stack_size == 3 and np.isfinite(cost)
-    with pytest.raises(ConfigError, match="begins from a linear schedule of 54 inputs and 2 outputs"):
+    with pytest.raises(ConfigError, match="begins from a schedule with layers of 54, 2"):
         next(find_bound(wide, load_schedule("ppo")))
+
+
+def test_rectified_units_are_searched_and_run_as_the_policy_does(short_swing, tmp_path):
+    """A search goes on from them; what a candidate costs in the search is what its policy costs."""
+    own = settings(short_swing, hidden=3, features=("mode1_rate", "base_error"))
+    *_, (found, cost) = find_bound(own)
+    network = found.network
+    assert network.sizes == (N_FEATURES, 3, 2) and network.relu and network.squash
+    assert np.flatnonzero(network.matrices[0].any(axis=0)).tolist() == [1, 17]
+    ((_, near),) = find_bound(settings(short_swing, hidden=3, generations=1, spread=1e-6), found)
+    assert near == pytest.approx(cost, rel=1e-4)
+    save_schedule(tmp_path / "units.npz", found)
+    vibration, tracking, effort = means(short_swing, tmp_path / "units.npz", 2) / means(short_swing, "ahsc", 2)
+    assert cost == pytest.approx(0.60 * vibration + 0.35 * tracking + 0.05 * effort, rel=0.05)
+    with pytest.raises(ConfigError, match=r"begins from a schedule with layers of 18, 2, .*got 18, 3, 2"):
+        next(find_bound(settings(short_swing), found))
 
 
 def test_a_law_that_pushes_is_searched_likewise(short_swing):

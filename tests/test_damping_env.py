@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from sffr_agents.sb3_vec_env import DampingVecEnv, make_sb3_vec_env
 from sffr_baselines import make_policy
 from sffr_baselines.damping_env import SFFRFlexDampingEnv, SFFRFlexDampingVectorEnv, make_damping_envs
-from sffr_baselines.damping_loop import make_damping, see_row
+from sffr_baselines.damping_loop import make_damping, see_range
 from sffr_baselines.rollout import rollout
 from sffr_baselines.schedule import BOUNDS, N_FEATURES, OTHER_DEMAND, PIEZO_DEMAND
 from sffr_baselines.scheduled import SCHEDULED
@@ -156,7 +156,7 @@ def see(law, obs, demand=(0.0, 0.0, 0.0)):
     """Return what an agent sees of an observation after a law has asked for so much."""
     damping = make_damping(law, 1)
     damping.law.demand[0] = demand
-    see_row(law, obs[None], damping, np.zeros(1, dtype=np.int64))
+    see_range(law, damping, obs[None], np.ones(1, dtype=np.bool_), 0, 1)
     return damping.law.seen[0]
 
 

@@ -56,7 +56,7 @@ def run(robots, ticks=40):
     stepper = Stepper(step_range, plants_of(fleet), batch, 15, group_shapes(robots[0]))
     for i in range(len(robots)):
         put_episode(batch, i, draw(scenario, nominal(params), np.random.default_rng(3)))
-        stepper.observe(i)
+    stepper.observe()
     stepper.actions[:] = np.random.default_rng(4).uniform(-0.1, 0.1, 15)
     for _ in range(ticks):
         stepper.step()

@@ -157,7 +157,7 @@ def test_a_neighbour_that_blows_up_does_no_harm(n):
         stepper = batch.Stepper(batch.step_range, Structures([robot]), each, N_ACTIONS, batch.group_shapes(robot))
         for i, episode in enumerate(episodes):
             batch.put_episode(each, i, episode)
-            stepper.observe(i)
+        stepper.observe()
         stepper.actions[:] = actions(1, n)[0]
         steppers.append(stepper)
     envs.v[1, 4] = 1.0e200

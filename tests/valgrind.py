@@ -52,15 +52,15 @@ FAULTY = """
 import numpy as np
 from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
-from sffr_gym.envs.batch import observe_row
+from sffr_gym.envs.batch import observe_range
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.task.control_period import period_shapes
 
 env = SFFRFlexEnv()
 env.reset(seed=0)
 short = env._batch._replace(p=np.zeros((1, 7)), signals=np.zeros((1, 5)))
-plants, row = Structures([env.plant_task]), np.zeros(1, dtype=np.int64)
-observe_row(plants, short, row, new_workspace(period_shapes(env.plant_task)))
+plants, chosen = Structures([env.plant_task]), np.ones(1, dtype=np.bool_)
+observe_range(plants, short, chosen, new_workspace(period_shapes(env.plant_task)), 0, 1)
 """
 
 

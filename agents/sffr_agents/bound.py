@@ -1,8 +1,9 @@
-"""A bound for schedules of a law's damping: the best linear one that an evolution strategy finds for given episodes.
+"""A bound for schedules of a law's damping: the best one that an evolution strategy finds for given episodes.
 
 With full knowledge of the episodes, and as many tries as it takes, CMA-ES searches the map from what is seen of a
-panel to its actions, ``a = tanh(W s + b)``. Whatever a learner reaches by interaction stands beside it. The products
-among the features make the map a switching law: it can brake a panel where it moves, and let go where it is bent.
+panel to its actions: a linear one, ``a = tanh(W s + b)``, or one with a few rectified units between, which act where
+something exceeds a threshold. Whatever a learner reaches by interaction stands beside it. The products among the
+features make the map a switching law: it can brake a panel where it moves, and let go where it is bent.
 
 Source: N. Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772.
 """
@@ -10,6 +11,7 @@ Source: N. Hansen, "The CMA evolution strategy: a tutorial", arXiv:1604.00772.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -46,6 +48,7 @@ class BoundSettings(Scheduling):
     features: tuple[Annotated[str, AfterValidator(_check_feature)], ...] = Field(
         default=NAMES, description="of a panel that may count: with few a search ends sooner and fits no single episode"
     )
+    hidden: int = Field(default=0, ge=0, le=64, description="rectified units between what is seen and the actions")
     episodes: int = Field(default=8, ge=1, le=100, description="of each scenario that draws something")
     population: int = Field(default=12, ge=4, le=100, description="candidates of a generation")
     generations: int = Field(default=60, ge=1, le=10_000, description="how many")
@@ -74,17 +77,18 @@ class ScenarioEpisodes:
         arguments = {name: getattr(settings, name) for name in Scheduling.model_fields}
         self.batch = _batch(scenario, len(self._seeds) * settings.population, **arguments)
         reference = _batch(scenario, len(self._seeds), law=REFERENCE)
-        measures, failed = run_episodes(reference, self._seeds, np.zeros((1, *_shape(reference))))
+        n_f, n_a = _sizes(reference)
+        measures, failed = run_episodes(reference, self._seeds, [np.zeros((1, n_a, n_f + 1))])
         self._usual = measures.mean(axis=(1, 2))
         if failed.any() or not (self._usual > 0.0).all():
             raise ConfigError(f"{scenario}: AHSC fails there, or leaves nothing that a cost could be relative to")
 
-    def costs(self, weights: Array) -> Array:
-        """Return the mean cost (population,) of candidates (population, n_actions of a panel, n_f + 1).
+    def costs(self, layers: Sequence[Array]) -> Array:
+        """Return the mean cost (population,) of candidates, whose layers are those of :func:`run_episodes`.
 
         The score, but for the price of effort; an episode that fails counts as ten times AHSC's.
         """
-        measures, failed = run_episodes(self.batch, self._seeds * len(weights), weights)
+        measures, failed = run_episodes(self.batch, self._seeds * len(layers[0]), layers)
         ratios = np.where(failed, FAILED, measures / self._usual[:, None, None])
         return np.asarray(np.tensordot(self._prices, ratios, axes=1).mean(axis=1))
 
@@ -98,30 +102,34 @@ def _batch(scenario: str, n: int, **arguments: Any) -> SFFRFlexDampingVectorEnv:
     )  # fmt: skip
 
 
-def _shape(batch: SFFRFlexDampingVectorEnv) -> tuple[int, int]:
-    """Return the sizes of a linear schedule of a panel: actions, and what it sees with the bias."""
-    return len(batch.action_names) // batch.params.n_panels, len(batch.obs_names) // batch.params.n_panels + 1
+def _sizes(batch: SFFRFlexDampingVectorEnv) -> tuple[int, int]:
+    """Return how many numbers a schedule sees of a panel, and how many actions that has."""
+    return len(batch.obs_names) // batch.params.n_panels, len(batch.action_names) // batch.params.n_panels
 
 
-def run_episodes(batch: SFFRFlexDampingVectorEnv, seeds: Sequence[int], weights: Array) -> tuple[Array, Mask]:
-    """Run linear schedules from start to end.
+def run_episodes(batch: SFFRFlexDampingVectorEnv, seeds: Sequence[int], layers: Sequence[Array]) -> tuple[Array, Mask]:
+    """Run schedules from start to end.
 
     Args:
         batch: an environment for each of ``seeds``, the first ones for the first schedule.
         seeds: of the episodes.
-        weights: (schedules, n_actions of a panel, n_f + 1), for the ``n_f`` numbers that are seen of a panel.
+        layers: of the schedules, (schedules, n_out, n_in + 1) with the biases last, from what is seen of a panel to its
+            actions; rectified in between.
 
     Returns:
         What the score counts, in the order of its weights (3, schedules, episodes): mean energy [J] and root mean
         square error [m], both taken after every action, and effort [V2 s]; and which episodes failed.
     """
-    shape = (len(weights), -1, batch.params.n_panels, weights.shape[-1] - 1)
+    shape = (len(layers[0]), -1, batch.params.n_panels, layers[0].shape[-1] - 1)
     obs, _ = batch.reset(seed=list(seeds))
     energy, square, effort, steps = np.zeros((4, len(seeds)))
     running, failed = np.ones((2, len(seeds)), dtype=np.bool_)
     while running.any():  # an environment that is done goes on with another episode, which does not count
-        raw = np.einsum("paf,pesf->pesa", weights[..., :-1], obs.reshape(shape)) + weights[:, None, None, :, -1]
-        actions = np.tanh(raw).reshape(len(seeds), -1).astype(np.float32)
+        values = obs.reshape(shape)
+        for k, layer in enumerate(layers):
+            values = np.maximum(values, 0.0) if k else values
+            values = np.einsum("paf,pesf->pesa", layer[..., :-1], values) + layer[:, None, None, :, -1]
+        actions = np.tanh(values).reshape(len(seeds), -1).astype(np.float32)
         obs, _, terminated, truncated, infos = batch.step(actions)
         failed = np.where(running, terminated, failed)
         energy += np.where(running, infos["vibration"], 0.0)
@@ -130,17 +138,18 @@ def run_episodes(batch: SFFRFlexDampingVectorEnv, seeds: Sequence[int], weights:
         steps += running
         running &= ~(terminated | truncated)
     measures = np.array([energy / steps, np.sqrt(square / steps), effort])
-    return measures.reshape(3, len(weights), -1), failed.reshape(len(weights), -1)
+    return measures.reshape(3, len(layers[0]), -1), failed.reshape(len(layers[0]), -1)
 
 
 def find_bound(
     settings: BoundSettings, start: LearnedSchedule | None = None
 ) -> Iterator[tuple[LearnedSchedule, float]]:
-    """Search the best linear schedule of a panel for the episodes.
+    """Search the best schedule of a panel for the episodes.
 
     Args:
         settings: what is searched.
-        start: a linear schedule of a panel about which the first candidates are spread; None for the law itself.
+        start: a schedule of a panel, of the same layers, about which the first candidates are spread; None for weights
+            of 0, which make the law itself.
 
     Yields:
         After every generation the best schedule so far, and its cost there; AHSC's is 1.
@@ -158,36 +167,50 @@ def find_bound(
                 f"{name}: has the actions {', '.join(other.batch.action_names)}, where {settings.scenarios[0]} has "
                 f"{', '.join(batch.action_names)}: search for each by itself"
             )
-    shape = _shape(batch)
+    n_f, n_a = _sizes(batch)
+    sizes = (n_f, settings.hidden, n_a) if settings.hidden else (n_f, n_a)
     options = {"popsize": settings.population, "seed": settings.seed + 1, "verbose": -9}
-    first = _weights(start, shape)
+    first = _layers_of(start, sizes)
     free = np.append(np.tile(np.isin(NAMES, settings.features), settings.stack_size), True)  # the bias always
-    strategy = cma.CMAEvolutionStrategy(first[:, free].ravel(), settings.spread, options)
+    strategy = cma.CMAEvolutionStrategy(_searched(first, free), settings.spread, options)
     for _ in range(settings.generations):
         candidates = strategy.ask()
-        weights = _with_columns(first, free, np.array(candidates))
-        strategy.tell(candidates, np.mean([each.costs(weights) for each in episodes], axis=0))
-        best = _with_columns(first, free, np.asarray(strategy.result.xbest))
-        network = Network((best[:, :-1].copy(),), (best[:, -1].copy(),), relu=False, squash=True)
+        layers = _with_searched(first, free, np.array(candidates))
+        strategy.tell(candidates, np.mean([each.costs(layers) for each in episodes], axis=0))
+        best = _with_searched(first, free, np.asarray(strategy.result.xbest))
+        network = Network(
+            *zip(*((each[:, :-1].copy(), each[:, -1].copy()) for each in best), strict=True), settings.hidden > 0, True
+        )
         trained = {"algo": "cma-es", "evaluations": int(strategy.result.evaluations)} | settings.model_dump(mode="json")
         yield LearnedSchedule.of(network, batch, trained), float(strategy.result.fbest)
 
 
-def _with_columns(weights: Array, free: Mask, values: Array) -> Array:
-    """Return weights (n_a, n_f + 1) with the free columns set to values (..., n_a n_free)."""
-    changed = np.tile(weights, (*values.shape[:-1], 1, 1))
-    changed[..., free] = values.reshape(*values.shape[:-1], len(weights), -1)
-    return changed
+def _searched(layers: Sequence[Array], free: Mask) -> Array:
+    """Return the weights that are searched: all, but of the first layer the free columns alone."""
+    return np.concatenate([layers[0][:, free].ravel(), *(layer.ravel() for layer in layers[1:])])
 
 
-def _weights(start: LearnedSchedule | None, shape: tuple[int, int]) -> Array:
-    """Return what a search begins from, (n_actions of a panel, n_f + 1): matrix and bias; raises ConfigError."""
+def _with_searched(layers: Sequence[Array], free: Mask, values: Array) -> list[Array]:
+    """Return layers whose searched weights have values (..., k), each with the leading sides of these."""
+    at, made = 0, []
+    for k, layer in enumerate(layers):
+        columns = free if k == 0 else np.ones(layer.shape[1], dtype=np.bool_)
+        count = len(layer) * int(columns.sum())
+        changed = np.tile(layer, (*values.shape[:-1], 1, 1))
+        changed[..., columns] = values[..., at : at + count].reshape(*values.shape[:-1], len(layer), -1)
+        made.append(changed)
+        at += count
+    return made
+
+
+def _layers_of(start: LearnedSchedule | None, sizes: tuple[int, ...]) -> list[Array]:
+    """Return what a search begins from, (n_out, n_in + 1) of each layer with the bias last; raises ConfigError."""
     if start is None:
-        return np.zeros(shape)
+        return [np.zeros((n_out, n_in + 1)) for n_in, n_out in pairwise(sizes)]
     network = start.network
-    if network.sizes != (shape[1] - 1, shape[0]) or not network.squash:
+    if network.sizes != sizes or not network.squash or (len(sizes) > 2 and not network.relu):
         raise ConfigError(
-            f"a search begins from a linear schedule of {shape[1] - 1} inputs and {shape[0]} outputs, as this command "
-            f"writes it; got layers of {', '.join(map(str, network.sizes))}"
+            f"a search begins from a schedule with layers of {', '.join(map(str, sizes))}, as this command writes it; "
+            f"got {', '.join(map(str, network.sizes))}"
         )
-    return np.column_stack([network.matrices[0], network.biases[0]])
+    return [np.column_stack(layer) for layer in zip(network.matrices, network.biases, strict=True)]

@@ -6,7 +6,7 @@ dynamics; each part can do more than the paper's law does, and by itself does no
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,11 +106,15 @@ def make_states(law: Law, n: int) -> LawState:
     return states
 
 
-def start_state(law: Law, states: LawState, i: int) -> None:
-    """Put row ``i`` of the states (n, ...) to the start of an episode."""
+def start_state(law: Law, states: LawState, chosen: Any) -> None:
+    """Put the chosen rows of the states (n, ...), by index or mask, to the start of an episode."""
     for array in states:
-        array[i] = 0.0
-    states.B_hat[i], states.factor[i], states.share[i] = law.suppression.B0 * law.suppression.damped, 1.0, 1.0
+        array[chosen] = 0.0
+    states.B_hat[chosen], states.factor[chosen], states.share[chosen] = (
+        law.suppression.B0 * law.suppression.damped,
+        1.0,
+        1.0,
+    )
 
 
 @kernel

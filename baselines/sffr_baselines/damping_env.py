@@ -19,6 +19,7 @@ from sffr_baselines.suppression import TRANSVERSE
 from sffr_gym.envs.arguments import ParamsLike, ScenarioLike, observation_type, step_limit
 from sffr_gym.envs.backends import make_on
 from sffr_gym.envs.base import RobotEnvironment
+from sffr_gym.envs.episodes import NO_LIMIT
 from sffr_gym.envs.fleet import plants_of
 from sffr_gym.envs.infos import Infos, Mask
 from sffr_gym.envs.pictures import RENDER_EVERY, frame_rate, make_renderer, make_renderers
@@ -27,7 +28,7 @@ from sffr_gym.envs.state import FAR, MOST_TICKS, check_finite, check_range
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.scenario import Scenario
-from sffr_gym.types import Array
+from sffr_gym.types import Array, IntArray
 
 DURATION = 30.0  # of an episode [s]
 _LAW = dict.fromkeys(
@@ -197,9 +198,9 @@ class SFFRFlexDampingEnv(DampingEnvironment, SFFRFlexEnv, gym.Env[np.ndarray, np
         return self._damping.law.factor[0] * self._damping.law.B_hat[0]
 
     def _start(self, episode: Episode) -> None:
+        start_damping(self.law, self._damping, 0)
+        self._damping.end[0] = episode.ticks
         super()._start(episode)
-        start_damping(self.law, self._damping, 0, episode.ticks)
-        self._stepper.see(0)
 
     def _make_stepper(self) -> DampingStepper:
         return DampingStepper([self._plant_task], self._batch, self.law, self._damping)
@@ -284,10 +285,12 @@ class SFFRFlexDampingVectorEnv(DampingEnvironment, SFFRFlexVectorEnv, VectorEnv[
         """Return the virtual damping that acts now (n, panels, 3) [N s/m, N s/m, N m s/rad]."""
         return self._damping.law.factor * self._damping.law.B_hat
 
-    def _start(self, i: int, episode: Episode) -> None:
-        super()._start(i, episode)
-        start_damping(self.law, self._damping, i, episode.ticks)
-        self._stepper.see(i)
+    def _begin(self, chosen: Mask) -> None:
+        start_damping(self.law, self._damping, chosen)
+        super()._begin(chosen)
+
+    def _clocks(self) -> list[tuple[IntArray, int]]:
+        return [*super()._clocks(), (self._damping.end, NO_LIMIT)]
 
     def _make_stepper(self) -> DampingStepper:
         return DampingStepper(plants_of(self._fleet), self._batch, self.law, self._damping)

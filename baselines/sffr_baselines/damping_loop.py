@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,10 +86,10 @@ def make_damping(law: Law, n: int) -> Damping:
     return Damping(law=make_states(law, n), price=np.zeros((n, n_p)), end=np.zeros(n, dtype=np.int64))
 
 
-def start_damping(law: Law, damping: Damping, i: int, end: int) -> None:
-    """Put the law of environment ``i`` at the start of an episode that is over at control period ``end``."""
-    start_state(law, damping.law, i)
-    damping.price[i], damping.end[i] = 0.0, end
+def start_damping(law: Law, damping: Damping, chosen: Any) -> None:
+    """Put the laws of the chosen environments, by index or mask, at the start of an episode."""
+    start_state(law, damping.law, chosen)
+    damping.price[chosen] = 0.0
 
 
 class DampingStepper(Stepper):
@@ -108,22 +108,18 @@ class DampingStepper(Stepper):
     def __init__(self, plants: Sequence[TaskModel], batch: Batch, law: Law, damping: Damping) -> None:
         n_a = len(law.allocation) * decisions_of_panel(law)
         shapes = decision_shapes(plants[0], law)
-        super().__init__(damping_range, plants, batch, n_a, shapes, (law, damping), SMALLEST_CHUNK)
-        self._see = see_row.bind(law, batch.obs, damping, self._row)
-
-    def see(self, i: int) -> None:
-        """Write what the next decision sees of environment ``i``, as it is observed."""
-        self._row[0] = i
-        self._see()
+        super().__init__(damping_range, plants, batch, n_a, shapes, (law, damping), see_range, SMALLEST_CHUNK)
 
 
 @entry
-def see_row(law, obs, damping, row):
-    """Write what a schedule sees in an observation; see :func:`schedule.see`.
+def see_range(law, damping, obs, chosen, first, last):
+    """Write what schedules see in observations of the chosen environments from ``first`` up to ``last``.
 
-    obs: (n, n_o); damping: :class:`Damping`, whose law's ``seen`` is changed; row: (1,) which one.
+    damping: :class:`Damping`, whose law's ``seen`` is changed, see :func:`schedule.see`; obs: (n, n_o); chosen: (n,).
     """
-    see(law, obs[row[0]], damping.law.demand[row[0]], damping.law.seen[row[0]])
+    for i in range(first, last):
+        if chosen[i]:
+            see(law, obs[i], damping.law.demand[i], damping.law.seen[i])
 
 
 @entry

@@ -6,7 +6,7 @@ import numpy as np
 
 from sffr_baselines.closed_loop import act, loop_shapes, make_record, run
 from sffr_baselines.control_law import Law, law_shapes, make_states
-from sffr_baselines.damping_loop import damping_range, decision_shapes, make_damping, see_row
+from sffr_baselines.damping_loop import damping_range, decision_shapes, make_damping, see_range
 from sffr_baselines.laws import make_law
 from sffr_baselines.schedule import decisions_of_panel
 from sffr_gym.compile.lanes import WIDTH
@@ -55,11 +55,11 @@ def _run() -> Exemplars:
     )
 
 
-@see_row.shown_by
-def _see_row() -> Exemplars:
+@see_range.shown_by
+def _see_range() -> Exemplars:
     task = exemplar_task()
     law, obs = _law(), np.zeros((2, len(task.bound)))
-    yield PLAIN, (law, obs, make_damping(law, 2), np.zeros(1, dtype=np.int64))
+    yield PLAIN, (law, make_damping(law, 2), obs, np.ones(2, dtype=np.bool_), 0, 2)
 
 
 @damping_range.shown_by

@@ -33,6 +33,8 @@ class Episodes(SFFRFlexVectorEnv):
         begun: what was drawn for each.
     """
 
+    ONE_BY_ONE = True
+
     def __init__(self, env: SFFRFlexEnv, seeds: Sequence[int]) -> None:
         super().__init__(
             len(seeds), scenario=env.scenario, params=env.params, autoreset_mode=AutoresetMode.DISABLED

@@ -53,14 +53,24 @@ class Path(Section):
     @property
     def period(self) -> float:
         """Length of an episode [s]: once along the path, and as long again where it ends at rest."""
+        return 2.0 * self.time if self.arrival is not None else self.lap / self.speed
+
+    @property
+    def lap(self) -> float:
+        """Speed times the time that it takes to go once along the path [m]; 0 where robot and object come to rest."""
         if self.closed:
-            return 2.0 * math.pi * self._reach / self.speed
-        return 2.0 * self.time if self.arrival is not None else float(self.pieces[-1, 0])
+            return 2.0 * math.pi * self.reach
+        return 0.0 if self.arrival is not None else float(self._chords[-1])
+
+    @property
+    def reach(self) -> float:
+        """Speed at the start of a closed path over the rate of the angle on it [m]."""
+        return LOBES[self.kind] * self.radius
 
     @property
     def rate(self) -> float:
         """Rate of the angle on a closed path [rad/s]; 0 for others."""
-        return self.speed / self._reach if self.closed else 0.0
+        return self.speed / self.reach if self.closed else 0.0
 
     @property
     def acceleration(self) -> float:
@@ -80,7 +90,7 @@ class Path(Section):
     def start(self) -> tuple[float, float, float]:
         """Velocity and turn at the start [m/s, m/s, rad/s]; turning about the object's centre."""
         if self.closed:
-            return self.speed, 0.0, self.speed / self._reach if self.heading == "tangent" else 0.0
+            return self.speed, 0.0, self.speed / self.reach if self.heading == "tangent" else 0.0
         first = self.pieces[0, 1:].reshape(3, -1)
         turn = 0.0  # of a natural spline, which leaves along a straight line
         return float(first[0, 1]), float(first[1, 1]), turn
@@ -99,9 +109,9 @@ class Path(Section):
         return self._spline() if self.kind == "waypoints" else np.zeros((0, N_PIECE))
 
     @property
-    def _reach(self) -> float:
-        """Speed at the start over the rate of the angle [m]."""
-        return LOBES[self.kind] * self.radius
+    def _chords(self) -> Array:
+        """Return the length of the polygon through the points up to each of them (n,) [m]."""
+        return np.cumsum(np.hypot(*np.diff(np.array([(0.0, 0.0), *self.points]), axis=0).T))
 
     def _straight(self, starts: Array, shares: Array, turn: float) -> Array:
         """Return pieces (n, ``N_PIECE``) from rest to rest, of whose ways the polynomials are (n, ``DEGREE`` + 1)."""
@@ -116,7 +126,7 @@ class Path(Section):
         from scipy.interpolate import CubicSpline  # late: a third of the time that the package takes to be imported
 
         places = np.array([(0.0, 0.0), *self.points])
-        knots = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T))) / self.speed
+        knots = np.append(0.0, self._chords) / self.speed
         spline = CubicSpline(knots, places, bc_type="natural")
         pieces = np.zeros((len(knots), 3, DEGREE + 1))
         pieces[:-1, :2, :4] = spline.c[::-1].transpose(1, 2, 0)

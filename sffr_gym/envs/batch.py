@@ -21,7 +21,7 @@ from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.actuators import command_of, state_size
 from sffr_gym.render.trace import Moment
 from sffr_gym.task.control_period import PeriodWork, control_period, observe_state, period_shapes
-from sffr_gym.task.disturbances import Impulses, Sensing, impulse_wrench, sense
+from sffr_gym.task.disturbances import NEVER, Impulses, Sensing, impulse_wrench, sense
 from sffr_gym.task.episode import Episode
 from sffr_gym.task.observation import clip
 from sffr_gym.task.reference import flat_reference, reference_at
@@ -33,7 +33,6 @@ from sffr_gym.task.task_model import TaskModel
 from sffr_gym.types import Array, IntArray
 
 THREADS = available_cores()
-NEVER = -1  # control period of an impulse that does not come
 SMALLEST_CHUNK = 32  # environments; handing fewer to a thread costs more than it saves
 
 
@@ -133,6 +132,7 @@ class Setup(NamedTuple):
     batch: Batch
     more: tuple[Any, ...]
     shapes: Any  #: of the memory of a group
+    seeing: Entry | None  #: called as ``seeing(*more, batch.obs, chosen, first, last)`` after an observation
 
 
 class Stepper:
@@ -146,6 +146,7 @@ class Stepper:
         n_actions: numbers of an action.
         shapes: of the memory of a group, which begins with a :class:`PeriodWork`.
         more: further arguments of the kernel.
+        seeing: what else an observation is followed by; see :class:`Setup`.
         smallest: environments that pay for a thread.
 
     Attributes:
@@ -155,12 +156,12 @@ class Stepper:
 
     def __init__(
         self, kernel: Entry, plants: Sequence[TaskModel], batch: Batch, n_actions: int, shapes: Any,
-        more: tuple[Any, ...] = (), smallest: int = SMALLEST_CHUNK,
+        more: tuple[Any, ...] = (), seeing: Entry | None = None, smallest: int = SMALLEST_CHUNK,
     ) -> None:  # fmt: skip
         n = len(batch.tick)
         self.actions, self.active = np.zeros((n, n_actions)), np.ones(n, dtype=np.bool_)
         self._plants = Structures(plants)
-        self.setup = Setup(kernel, self._plants, batch, more, shapes)
+        self.setup = Setup(kernel, self._plants, batch, more, shapes, seeing)
         filled = n - n % WIDTH if load_library() is not None else 0
         own = len(plants) > 1 and filled > 0
         self._groups = LanePlants(plants[k : k + WIDTH] for k in range(0, filled, WIDTH)) if own else None
@@ -176,8 +177,10 @@ class Stepper:
         parts = prepare(groups, 0, filled, WIDTH), prepare(self._plants, filled, n, 1)
         self._in_lanes = [calls for calls in parts if calls]
         self._one_by_one = [prepare(self._plants, 0, n, 1)] if own else self._in_lanes
-        self._row = np.zeros(1, dtype=np.int64)
-        self._observe = observe_row.bind(self._plants, batch, self._row, new_workspace(shapes.period))
+        self._chosen = np.zeros(n, dtype=np.bool_)
+        self._observing = [observe_range.bind(self._plants, batch, self._chosen, new_workspace(shapes.period), 0, n)]
+        if seeing is not None:
+            self._observing.append(seeing.bind(*more, batch.obs, self._chosen, 0, n))
 
     def put_plant(self, i: int, plant: TaskModel) -> None:
         """Replace the plant of environment ``i``."""
@@ -195,10 +198,11 @@ class Stepper:
             else:
                 calls[0]()
 
-    def observe(self, i: int) -> None:
-        """Observe and measure environment ``i`` where it is, without a step."""
-        self._row[0] = i
-        self._observe()
+    def observe(self, chosen: Any = True) -> None:
+        """Observe and measure the chosen environments (n,), or all, where they are, without a step."""
+        self._chosen[:] = chosen
+        for call in self._observing:
+            call()
 
 
 def group_memory(shapes: Any, width: int) -> tuple[Any, PeriodWork]:
@@ -208,23 +212,19 @@ def group_memory(shapes: Any, width: int) -> tuple[Any, PeriodWork]:
 
 
 @entry
-def observe_row(plants, batch, row, one):
-    """Observe and measure an environment at its present time, without a step; late sensors see it as it is.
+def observe_range(plants, batch, chosen, one, first, last):
+    """Observe the chosen environments from ``first`` up to ``last`` at their present time, without a step.
 
-    plants, batch: see :class:`Stepper`; row: (1,) which one; one: :class:`PeriodWork` of a single environment.
+    plants, batch: see :class:`Stepper`; chosen: (n,); one: :class:`PeriodWork` of a single environment.
     """
-    i = row[0]
-    task = plants[i if len(plants) > 1 else 0]
-    reference, t, p, v, obs = (
-        reference_at(batch.reference[i], len(task.model.link_mass)),
-        batch.tick[i] * task.period,
-        batch.p[i],
-        batch.v[i],
-        batch.obs[i],
-    )
-    observe_state(task, reference, t, p, v, one, obs, batch.signals[i])
-    clip(task.bound, obs)
-    sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, one.step.dynamics, obs)
+    for i in range(first, last):
+        if chosen[i]:
+            task = plants[i if len(plants) > 1 else 0]
+            reference = reference_at(batch.reference[i], len(task.model.link_mass))
+            p, v, obs = batch.p[i], batch.v[i], batch.obs[i]
+            observe_state(task, reference, batch.tick[i] * task.period, p, v, one, obs, batch.signals[i])
+            clip(task.bound, obs)  # late sensors see it as it is
+            sense(task, reference, _sensing(batch, i), batch.tick[i], p, v, one.step.dynamics, obs)
 
 
 @entry

@@ -1,7 +1,7 @@
 """The vector environments on a GPU: one thread for each environment, and no array that leaves the device.
 
 The kernels, the episodes and the random numbers are those of the vector environments on the processor. A batch of one
-on the processor says what they are, and draws every episode: its start is copied to the device.
+there says what they are. Where a scenario draws plants, it draws every episode, whose start is copied to the device.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from sffr_gym.compile.arguments import KINDS, Structures
+from sffr_gym.compile.arguments import KINDS
 from sffr_gym.compile.cuda.described import (
     FIRST,
     LAST,
@@ -30,35 +29,21 @@ from sffr_gym.compile.cuda.described import (
     rows,
 )
 from sffr_gym.compile.cuda.program import Device
-from sffr_gym.compile.kernels import kernel
 from sffr_gym.envs.arguments import check_options, check_seeds, is_whole
+from sffr_gym.envs.batch import observe_range
+from sffr_gym.envs.device_episodes import DeviceEpisodes, restart_range, to_host
 from sffr_gym.envs.infos import Infos
 from sffr_gym.envs.vector import SFFRFlexVectorEnv
+from sffr_gym.task.pcg64 import STATE
 from sffr_gym.task.reward import REWARDS
-from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.signals import SIGNALS
 from sffr_gym.task.status import RUNNING
 
 MOST_ENVS = 2**24  # of a batch: some 40 GB
 CUDA = 2  # DLPack's number of the kind of device
-ONE = np.ones(1, dtype=np.bool_)
 
 
-@kernel
-def restart_range(start, whole_start, again, numbers, wholes, first, last):
-    """Put the environments from ``first`` up to ``last`` that begin ``again`` to the start of an episode.
-
-    start, whole_start: (k,) floats and whole numbers of it; numbers, wholes: (n, k) of the environments.
-    """
-    for i in range(first, last):
-        if again[i]:
-            for k in range(len(start)):
-                numbers[i, k] = start[k]
-            for k in range(len(whole_start)):
-                wholes[i, k] = whole_start[k]
-
-
-class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
+class DeviceVectorEnv(DeviceEpisodes, VectorEnv[Any, Any, Any]):
     """Many environments on a GPU, as ``gym.make_vec(..., backend="cuda")`` makes them.
 
     Environment ``i`` reset with seed ``s`` goes through the same episodes as on the processor, to rounding. What
@@ -67,8 +52,8 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
     written anew by the next step: copy what must last. Actions may be any array with ``__dlpack__`` or
     ``__cuda_array_interface__``, or NumPy's; they are taken in stream order, and not searched for NaN.
 
-    Where a scenario draws nothing, episodes begin anew on the device alone. Else they are drawn on the processor when
-    others end, for which each step waits; a plant that is drawn must have the stiff modes of the others.
+    Episodes are drawn on the device, where the robots are alike. Plants and faults are drawn on the processor when
+    episodes end, for which each step waits; a plant that is drawn must have the stiff modes of the others.
 
     Args:
         host: a batch of one environment, on the processor.
@@ -99,8 +84,7 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
         self._seeds: list[int | None] = [None] * num_envs
         self._rngs: dict[int, np.random.Generator] = {}
         self._drawn: dict[int, dict[str, float]] = {}
-        self._known: Scenario | None = None
-        self._same = False  # whether all episodes of that scenario begin alike
+        self._stated = np.zeros(num_envs, dtype=np.bool_)
         self._ready = False
         host.reset()
         self._own_plants = host.scenario.draws_plant
@@ -121,19 +105,15 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
                 self.views[id(array)] = across(columns[end - size : end], array.shape[1:])
         self._starts = {kind: xp.zeros(len(columns), dtype=columns.dtype) for kind, columns in self._columns.items()}
         self._active, self._done, self._again = (xp.zeros(n, dtype=np.bool_) for _ in range(3))
+        self._states, self._lengths = rows(xp, n, (STATE,), "i"), xp.zeros(n, dtype=np.int64)
         self._all = xp.ones(n, dtype=np.bool_)
         self._actions = rows(xp, n, host._stepper.actions.shape[1:], "f")
         self._obs = xp.zeros(self.observation_space.shape, dtype=self.observation_space.dtype)
         self._plants = rows(xp, n if self._own_plants else 1, (len(numbers_of(self._plant)),), "f")
 
-    @property
-    def _plant(self) -> Any:
-        """The plant of the episode that was drawn last."""
-        return self.host._stepper.setup.plants[0]
-
     def _prepare(self) -> None:
         """Compile what runs on the device, and prepare its calls."""
-        kernel, plants, _, more, shapes = self.host._stepper.setup
+        kernel, plants, _, more, shapes, seeing = self.host._stepper.setup
         seen: Any = Own(self._plant, self._plants) if self._own_plants else plants
         self.batch = self._on_device(self.host._batch)
         step = Thread("step", kernel, (
@@ -144,19 +124,20 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
             *map(Fixed, self._starts.values()), Rows(self._again),
             *(Rows(columns.T) for columns in self._columns.values()), FIRST, LAST,
         ))  # fmt: skip
-        self._launch = self.device.launches(self.num_envs, [step, restart])
+        observe = Thread("observe", observe_range, (
+            seen, self._described(self.host._batch), Rows(self._again), Memory(shapes.period), FIRST, LAST,
+        ))  # fmt: skip
+        threads = [step, restart, observe]
+        if seeing is not None:
+            obs = Rows(self.batch.obs)
+            threads.append(Thread("see", seeing, (*map(self._described, more), obs, Rows(self._again), FIRST, LAST)))
+        self._launch = self.device.launches(self.num_envs, threads)
 
     def _on_device(self, value: Any) -> Any:
         """Return a structure of the host's arrays with those of the device in their place."""
         if isinstance(value, tuple):
             return type(value)(*map(self._on_device, value))
         return self.views.get(id(value), value)
-
-    def _described(self, value: Any) -> Any:
-        """Describe an argument of the step: what each environment has, and constants."""
-        if isinstance(value, tuple) and not isinstance(value, Structures):
-            return type(value)(*map(self._described, value))
-        return Rows(self.views[id(value)]) if id(value) in self.views else value
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -179,10 +160,10 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
                 )
             self.host._scenario = changed
         if seed is not None:
-            chosen = np.flatnonzero(self._to_host(mask)).tolist()
+            chosen = np.flatnonzero(to_host(mask)).tolist()
             for i in chosen:
                 if seeds[i] is not None:
-                    self._seeds[i] = seeds[i]
+                    self._seeds[i], self._stated[i] = seeds[i], False
                     self._rngs.pop(i, None)
         self._restart(mask)
         self._ready = self._ready or bool(mask.all())
@@ -232,10 +213,6 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
         """Return (n,) the lengths of the episodes in control periods; the environments' own."""
         return self.views[id(self.host._ticks)]
 
-    def drawn(self, i: int) -> dict[str, float]:
-        """Return what the scenario drew for the episode of environment ``i``."""
-        return self._drawn.get(i, {})
-
     def _advance(self) -> None:
         self.device.xp.logical_not(self._done, out=self._active)
         self._launch["step"]()
@@ -271,64 +248,3 @@ class DeviceVectorEnv(VectorEnv[Any, Any, Any]):
         found |= {f"reward_{name}": batch.terms[:, k] for k, name in enumerate(REWARDS)}
         found |= {"failure": batch.status, "cost": batch.cost, "applied": batch.applied, "clipped": batch.clipped}
         return found | {f"_{name}": mask for name in found}
-
-    def _restart(self, mask: Any) -> None:
-        """Start new episodes in the environments of a mask, on the device."""
-        if self._known is not self.host.scenario:
-            self._look()
-        if self._same:
-            self._again[...] = mask
-            self._launch["restart"]()
-        else:
-            self._draw(np.flatnonzero(self._to_host(mask)).tolist())
-        self._done &= ~mask
-
-    def _look(self) -> None:
-        """See whether all episodes of the scenario begin alike, and keep their start if so."""
-        self.host._rngs[0], self.host._always = np.random.default_rng(0), None
-        self.host._restart(ONE)
-        self._known, self._same = self.host.scenario, self.host._always is not None
-        if self._same:
-            for kind, start in self._row().items():
-                self._starts[kind][...] = self.device.xp.asarray(start)
-
-    def _draw(self, chosen: Sequence[int]) -> None:
-        """Draw an episode for each of some environments on the processor, and start it on the device."""
-        if not chosen:
-            return
-        xp, drawn, plants = self.device.xp, [], []
-        for i in chosen:
-            self.host._rngs[0] = self._rng(i)
-            self.host._restart(ONE)
-            drawn.append(self._row())
-            self._drawn[i] = {name: float(values[0]) for name, (values, _) in self.host._drawn.items()}
-            if self._own_plants:
-                plants.append(numbers_of(self._checked_plant()))
-        for kind, columns in self._columns.items():
-            columns[:, chosen] = xp.asarray(np.array([row[kind] for row in drawn]).T)
-        if plants:
-            self._plants[chosen] = xp.asarray(np.array(plants))
-
-    def _checked_plant(self) -> Any:
-        """Return the plant that was drawn; raises ValueError for one that the compiled code does not fit."""
-        plant = self._plant
-        size, stiff = self._plants.shape[1], plant.model.stiff.at.tolist()
-        if len(numbers_of(plant)) != size or (plant.steps, stiff) != self._fits:
-            raise ValueError(
-                "the robots of a batch on a GPU must have the same stiff modes and integration steps; draw parameters "
-                "that change none of them, or simulate these on the processor"
-            )
-        return plant
-
-    def _rng(self, i: int) -> np.random.Generator:
-        """The generator of an environment, made when it is first needed."""
-        if i not in self._rngs:
-            self._rngs[i], _ = seeding.np_random(self._seeds[i])
-        return self._rngs[i]
-
-    def _row(self) -> dict[str, np.ndarray]:
-        """The start that the host has, as numbers of each kind."""
-        return {kind: np.concatenate([array[0].ravel() for array in own]) for kind, own in self._parts.items()}
-
-    def _to_host(self, mask: Any) -> np.ndarray:
-        return mask if isinstance(mask, np.ndarray) else np.asarray(mask.get())

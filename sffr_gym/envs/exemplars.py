@@ -11,12 +11,16 @@ from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.lanes import WIDTH
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import load_params
-from sffr_gym.envs.batch import Batch, group_memory, group_shapes, make_batch, observe_row, step_range
+from sffr_gym.envs.batch import Batch, group_memory, group_shapes, make_batch, observe_range, step_range
+from sffr_gym.envs.batch_draws import start_range
 from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.integrator import step_shapes
 from sffr_gym.physics.plant import advance_plant, evaluate
 from sffr_gym.task.control_period import observe_states, period_shapes
+from sffr_gym.task.episode import nominal
+from sffr_gym.task.episode_draws import episode_draws
 from sffr_gym.task.reference import path_reference
+from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
 from sffr_gym.task.task_model import TaskModel, make_task_model
 
@@ -48,11 +52,21 @@ def _step_range() -> Exemplars:
         yield label, (*batched, actions, active, *memory, 0, WIDTH)
 
 
-@observe_row.shown_by
-def _observe_row() -> Exemplars:
+@observe_range.shown_by
+def _observe_range() -> Exemplars:
     task = exemplar_task()
-    row, memory = np.zeros(1, dtype=np.int64), new_workspace(period_shapes(task))
-    yield PLAIN, (Structures([task]), make_batch(task, 1), row, memory)
+    chosen, memory = np.ones(2, dtype=np.bool_), new_workspace(period_shapes(task))
+    yield PLAIN, (Structures([task]), make_batch(task, 2), chosen, memory, 0, 2)
+
+
+@start_range.shown_by
+def _start_range() -> Exemplars:
+    params, task = load_params(), exemplar_task()
+    known = nominal(params)
+    draws = episode_draws(load_scenario("impulse"), params, known.model, known.p, known.v, known.fields)
+    numbers, chosen = np.zeros((2, len(draws.kinds))), np.ones(2, dtype=np.bool_)
+    ticks = np.zeros(2, dtype=np.int64)
+    yield PLAIN, (known.model, draws, numbers, chosen, make_batch(task, 2), ticks, 0, 2)
 
 
 @observe_states.shown_by

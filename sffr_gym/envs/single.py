@@ -287,7 +287,7 @@ class SFFRFlexEnv(RobotEnvironment, Present, gym.Env[np.ndarray, np.ndarray]):
     def _start(self, episode: Episode) -> None:
         """Put the plant at the start of an episode."""
         put_episode(self._batch, 0, episode)
-        self._stepper.observe(0)
+        self._stepper.observe()
 
     def _told(self) -> dict[str, object]:
         time = None if self._episode is None else round(self.time, 6)

@@ -15,14 +15,14 @@ from sffr_gym.compile.arguments import Structures
 from sffr_gym.compile.workspace import new_workspace
 from sffr_gym.config.params import Params
 from sffr_gym.config.strict_yaml import ConfigError
-from sffr_gym.envs.batch import make_batch, observe_row, put_episode
+from sffr_gym.envs.batch import make_batch, observe_range, put_episode
 from sffr_gym.task.control_period import period_shapes
 from sffr_gym.task.episode import Episode, Nominal, draw
 from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.task_model import TaskModel, plant_of
 from sffr_gym.types import Array
 
-DRAWS = 24  # episodes that stand for all of a scenario
+DRAWS = 64  # episodes that stand for all of a scenario
 SEED = 0  # of them
 BOUNDED_BY = {  # key of the parameters that bounds a field of the observation, by the field's unit
     "m": "limits.position", "rad": "limits.angle", "m/s": "limits.velocity", "rad/s": "limits.rate",
@@ -33,10 +33,14 @@ BOUNDED_BY = {  # key of the parameters that bounds a field of the observation, 
 class Extremes(np.random.Generator):
     """Random numbers two thirds of which lie at the ends of their interval, to find the extremes of what is drawn."""
 
+    def random(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
+        """Return 0, 1 or a number between, each as often."""
+        inside = super().random(size, dtype, out)
+        return np.choose(self.integers(3, size=size), [0.0, 1.0, inside])
+
     def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
         """Return an end of the interval or a number inside, each as often."""
-        inside = super().uniform(low, high, size)
-        return (low, high, inside)[self.integers(3)]
+        return low + (high - low) * self.random(size)
 
 
 def check_starts(scenario: Scenario, known: Nominal, plant: TaskModel) -> None:
@@ -89,5 +93,7 @@ def _observed(episode: Episode, known: Nominal, nominal: TaskModel) -> Array:
     unbounded, batch = plant._replace(bound=np.full_like(plant.bound, np.inf)), make_batch(nominal, 1)
     exact = episode._replace(sensing=episode.sensing._replace(key=0, delay=0, coarse=0))
     put_episode(batch, 0, exact)
-    observe_row(Structures([unbounded]), batch, np.zeros(1, dtype=np.int64), new_workspace(period_shapes(nominal)))
+    observe_range(
+        Structures([unbounded]), batch, np.ones(1, dtype=np.bool_), new_workspace(period_shapes(nominal)), 0, 1
+    )
     return batch.obs[0]

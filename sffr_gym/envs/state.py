@@ -13,10 +13,10 @@ import numpy as np
 
 from sffr_gym.config.sections import PANEL_KEYS, Section
 from sffr_gym.config.template import conform
-from sffr_gym.envs.batch import NEVER, Batch
+from sffr_gym.envs.batch import Batch
 from sffr_gym.envs.fleet import N_SIZES, make_fleet, plant_at, same_layout
 from sffr_gym.physics.model import Sizes
-from sffr_gym.task.disturbances import KEYS, Impulses, Sensing
+from sffr_gym.task.disturbances import KEYS, NEVER, Impulses, Sensing
 from sffr_gym.task.episode import Episode, Health, Nominal
 from sffr_gym.task.reference import flat_reference, path_reference
 from sffr_gym.task.scenario import MOST_IMPULSES

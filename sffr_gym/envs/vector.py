@@ -23,23 +23,20 @@ from sffr_gym.envs.arguments import (
     observation_type,
     step_limit,
 )
-from sffr_gym.envs.base import RobotEnvironment
-from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, put_episode, step_range, visible
-from sffr_gym.envs.fleet import make_fleet, plant_at, plants_of, put_plant
+from sffr_gym.envs.batch import Stepper, group_shapes, make_batch, step_range, visible
+from sffr_gym.envs.episodes import BatchEpisodes
+from sffr_gym.envs.fleet import make_fleet, plants_of
 from sffr_gym.envs.infos import Drawn, Infos, Mask, batch_infos, masked, objects
 from sffr_gym.envs.member import Member
 from sffr_gym.envs.pictures import RENDER_EVERY, check_pictures, frame_rate, make_renderers
 from sffr_gym.envs.spaces import check_action, make_spaces
 from sffr_gym.envs.state import MOST_TICKS, check_batch, check_drawn, check_fleet, check_range
 from sffr_gym.render.trace import Past
-from sffr_gym.task.episode import Episode, draw
-from sffr_gym.task.scenario import Scenario
 from sffr_gym.task.status import RUNNING
-from sffr_gym.task.task_model import plant_of
 from sffr_gym.types import Array
 
 
-class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class SFFRFlexVectorEnv(BatchEpisodes, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many independent ``SFFRFlex-v0`` environments; spaces, reward and episode as in :class:`SFFRFlexEnv`.
 
     Environment ``i`` reset with seed ``s`` (or ``seed=s - i`` for all) goes through the same states as a single
@@ -106,7 +103,6 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         self._drawn: Drawn = {}
         self._ticks = np.zeros(num_envs, dtype=np.int64)
         self._done = np.zeros(num_envs, dtype=np.bool_)
-        self._always: tuple[Scenario, list[np.ndarray]] | None = None  # start of every episode of a scenario
         self._all = np.ones(num_envs, dtype=np.bool_)
         self._renderers = make_renderers(num_envs, self._nominal_plant, render_mode, render_every)
         self.metadata = {
@@ -254,17 +250,13 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
         for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
             setattr(self, f"_{name}", kept[name])
         self._forget_stepper()
+        self._draws = None
         for i, plant in checked.items():
             past = kept["trace"] and kept["trace"][i]
             title = self.scenario.name if past is None else past.title
             self._renderers[i].start(plant, Member(self, i).reference, title, f"environment {i}")
             self._renderers[i].restore(past, visible(self._batch, i))
             self._record([i])  # which begins a trace where there is none
-
-    def _start(self, i: int, episode: Episode) -> None:
-        """Put environment ``i`` at the start of an episode."""
-        put_episode(self._batch, i, episode)
-        self._stepper.observe(i)
 
     def _advance(self, actions: Array, active: Mask) -> None:
         """Hold the actions (n, n_u) in the active environments."""
@@ -294,44 +286,6 @@ class SFFRFlexVectorEnv(RobotEnvironment, VectorEnv[np.ndarray, np.ndarray, np.n
     def _seen(self) -> Array:
         """What agents see now."""
         return self._batch.obs
-
-    def _restart(self, mask: Mask) -> None:
-        """Draw and start new episodes."""
-        for _, has in self._drawn.values():
-            has[mask] = False
-        scenario = self._distribution(self.scenario)
-        if scenario.draws_plant and len(self._fleet.numbers) < self.num_envs:
-            self._fleet = make_fleet(self._nominal_plant, self.num_envs)  # until here all were alike
-            self._forget_stepper()
-        if self._always is not None and self._always[0] is scenario:
-            for array, start in zip(self._arrays(), self._always[1], strict=True):
-                array[mask] = start
-        else:
-            self._draw(scenario, np.flatnonzero(mask).tolist())
-        self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
-        self._done[mask] = False
-
-    def _draw(self, scenario: Scenario, rows: Sequence[int]) -> None:
-        """Draw and start episodes one by one; keep the start of a scenario that draws nothing for all further ones."""
-        for i in rows:
-            episode = draw(scenario, self._nominal, self._rngs[i])
-            if len(self._fleet.numbers) == self.num_envs:
-                put_plant(self._fleet, i, plant_of(self._nominal_plant, self._nominal, episode))
-                self._stepper.put_plant(i, plant_at(self._fleet, i))
-            self._start(i, episode)
-            if self._renderers:
-                self._renderers[i].start(episode.plant, episode.reference, self.scenario.name, f"environment {i}")
-                self._record([i])
-            for name, value in episode.drawn.items():
-                values, has = self._drawn.setdefault(name, (np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)))
-                values[i], has[i] = value, True
-            self._ticks[i] = episode.ticks if self._max_steps is None else min(episode.ticks, self._max_steps)
-        if not (episode.drawn or self._renderers or len(self._fleet.numbers) > 1):
-            self._always = scenario, [array[i].copy() for array in self._arrays()]
-
-    def _arrays(self) -> list[np.ndarray]:
-        """What the start of an episode sets, with a row for each environment."""
-        return [*self._batch, self._ticks]
 
     def _reset_mask(self, mask: Any) -> Mask:
         """The environments to reset."""

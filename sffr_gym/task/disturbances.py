@@ -22,6 +22,7 @@ LOW = np.uint64(0xFFFFFFFF)  # the lower 32 bits
 HALF = np.uint64(32)
 TO_UNIT = 2.0**-32
 KEYS = 2**32
+NEVER = -1  # control period of an impulse that does not come
 
 
 class Sensing(NamedTuple):

@@ -1,14 +1,15 @@
 """The quasi-static shape of the panels: what the reference's acceleration alone bends them to, without vibration.
 
-In NumPy for draws, pictures and figures, and of a single mode for the kernels.
+For the kernels at one time, and in NumPy at many for pictures and figures.
 """
 
 from __future__ import annotations
 
+from math import cos, sin
+
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
-from sffr_gym.physics.kinematics import perpendicular, rotation
 from sffr_gym.physics.model import Model
 from sffr_gym.task.reference import Desired, Reference, desired, on_circle
 from sffr_gym.types import Array
@@ -23,6 +24,29 @@ def quasi_static_amplitude(model, panel, mode, across, alpha):
     return -(model.translation[panel, mode] * across + model.rotation[panel, mode] * alpha) / model.omega2[panel, mode]
 
 
+@kernel
+def panel_push(model, panel, reference, want, c, s):
+    """Acceleration of a panel's root across it by the desired motion [m/s2], and the rate of it [m/s3].
+
+    want: a :class:`Desired`; c, s: cosine and sine of its heading. As kernel of numbers, else of arrays over time.
+    """
+    cy, sy = cos(reference.yaw), sin(reference.yaw)
+    root, axis = model.panel_root[panel], model.panel_axis[panel]
+    across_x, across_y = -cy * axis[1] - sy * axis[0], cy * axis[0] - sy * axis[1]  # in the reference axes
+    place_x = reference.base_x + cy * root[0] - sy * root[1]
+    place_y = reference.base_y + sy * root[0] + cy * root[1]
+    lever, reach = place_x * across_x + place_y * across_y, place_x * across_y - place_y * across_x
+    x, y, turn = c * want.xdd + s * want.ydd, c * want.ydd - s * want.xdd, want.turn
+    push = x * across_x + y * across_y - turn * turn * lever + want.turn_acceleration * reach
+    turned = x * across_y - y * across_x
+    if on_circle(reference):  # its acceleration turns with it, which is exact
+        push_rate = turned * (reference.rate - turn)
+    else:
+        x, y = c * want.xddd + s * want.yddd, c * want.yddd - s * want.xddd
+        push_rate = x * across_x + y * across_y - turn * turned
+    return push, push_rate + want.turn_jerk * reach - 2.0 * turn * want.turn_acceleration * lever
+
+
 def quasi_static_amplitudes(model: Model, reference: Reference, t: Array) -> tuple[Array, Array]:
     """Return modal amplitudes and rates (rows, n_p, n_m) of the panels' quasi-static shape.
 
@@ -34,30 +58,13 @@ def quasi_static_amplitudes(model: Model, reference: Reference, t: Array) -> tup
         reference: the desired motion.
         t: (rows,) times of it [s].
     """
-    want = dict(zip(Desired._fields, np.array([desired(reference, each) for each in t.tolist()]).T, strict=True))
-    c, s, base_axes = np.cos(want["heading"]), np.sin(want["heading"]), rotation(reference.yaw)
-    turn, alpha, alpha_rate = want["turn"], want["turn_acceleration"], want["turn_jerk"]
-    acceleration = np.column_stack(
-        [c * want["xdd"] + s * want["ydd"], c * want["ydd"] - s * want["xdd"]]
-    )  # in its axes
-    jerk = np.column_stack([c * want["xddd"] + s * want["yddd"], c * want["yddd"] - s * want["xddd"]])
-    turned = np.column_stack([-acceleration[:, 1], acceleration[:, 0]])
-    from_object = np.array([reference.base_x, reference.base_y])
-    shape, rate = np.zeros((2, len(acceleration), *model.omega2.shape))
-    bending = slice(model.n_axial, None)
-    for i, (root, axis) in enumerate(zip(model.panel_root, model.panel_axis, strict=True)):
-        across, place = base_axes @ perpendicular(axis), from_object + base_axes @ root
-        lever, reach = np.vecdot(place, across), np.vecdot(perpendicular(place), across)
-        push = np.vecdot(acceleration - turn[:, None] ** 2 * place, across) + alpha * reach
-        if on_circle(reference):  # its acceleration turns with it, which is exact
-            push_rate = np.vecdot(turned, across) * (reference.rate - turn)
-        else:
-            push_rate = np.vecdot(jerk - turn[:, None] * turned, across)
-        push_rate += alpha_rate * reach - 2.0 * turn * alpha * lever
-        compliance = model.translation[i, bending] / model.omega2[i, bending]
-        turning = model.rotation[i, bending] / model.omega2[i, bending]
-        shape[:, i, bending] -= compliance * push[:, None] + turning * alpha[:, None]
-        rate[:, i, bending] -= compliance * push_rate[:, None] + turning * alpha_rate[:, None]
+    want = Desired(*np.array([desired(reference, each) for each in t.tolist()]).T)
+    shape, rate = np.zeros((2, len(t), *model.omega2.shape))
+    for panel in range(len(model.panel_root)):
+        push, push_rate = panel_push(model, panel, reference, want, np.cos(want.heading), np.sin(want.heading))
+        for mode in range(model.n_axial, model.omega2.shape[1]):
+            shape[:, panel, mode] = quasi_static_amplitude(model, panel, mode, push, want.turn_acceleration)
+            rate[:, panel, mode] = quasi_static_amplitude(model, panel, mode, push_rate, want.turn_jerk)
     return shape, rate
 
 

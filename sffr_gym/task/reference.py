@@ -94,8 +94,9 @@ def path_reference(params: Params, model: Model, p: Array, speed: float | None =
     return reference._replace(bearing=atan2(start.yd, start.xd))
 
 
-def on_circle(reference: Reference) -> bool:
-    """Say whether the path is a circle."""
+@kernel
+def on_circle(reference):
+    """Whether the path is a circle."""
     return len(reference.pieces) == 0 and reference.lobes == 1.0
 
 
@@ -111,6 +112,13 @@ def reference_at(row, n_l):
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11],
         row[N_REFERENCE : N_REFERENCE + n_l], row[N_REFERENCE + n_l :],
     )  # fmt: skip
+
+
+def read_reference(row: Array, model: Model) -> Reference:
+    """Return the reference of numbers that :func:`flat_reference` returns, as plain Python has it."""
+    numbers = dict(zip(Reference._fields, row[:N_REFERENCE].tolist(), strict=False))
+    read: Reference = reference_at(row, len(model.link_mass))
+    return read._replace(**numbers)
 
 
 @kernel

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
+from sffr_gym.compile.kernels import kernel
 from sffr_gym.config.files import canonical_json, short_hash
 from sffr_gym.config.params import Params
 from sffr_gym.config.ranges import LARGEST_SEED, EpisodeLength, Name, Text, at_most
@@ -25,6 +26,7 @@ MOST_MODES = 2 * MOST_ELEMENTS  # bending modes that the finest panel has
 MOST_CHANGES = 32  # assignments
 MOST_FAULTS = 100  # of which each episode has one
 MOST_PERIODS = 10**9  # control periods of an episode: an hour of computing
+SLACK = 1.0e-9  # control periods that rounding may add to an episode
 MOST_EPISODES = 100_000  # of each policy: ten hours of computing at the case study's length
 
 
@@ -225,7 +227,7 @@ class Scenario(Section):
                 f"{self.name}: duration: an episode of {duration:.3g} s{once}, would take about {periods:.1g} control "
                 f"periods, at most {MOST_PERIODS:.0e}: give the scenario a duration, or lengthen control.period"
             )
-        return ceil(periods - 1e-9)
+        return whole_periods(duration, params.control.period)
 
     def longest(self, params: Params) -> int:
         """Return the length in control periods of the longest episode: that of the slowest path."""
@@ -254,6 +256,12 @@ class Scenario(Section):
     def hash(self, params: Params) -> str:
         """Return the hash of what defines the episodes of a seed: task, scenario (without its wording), parameters."""
         return suite_hash([self], params)
+
+
+@kernel
+def whole_periods(duration, period):
+    """Return how many control periods a time takes, but for rounding."""
+    return ceil(duration / period - SLACK)
 
 
 class EpisodeRange(Section):

@@ -44,6 +44,9 @@ def bound_command(
         list[str] | None,
         option("--feature", "Only these count of what is seen of a panel; repeatable.", "NAME", "all"),
     ] = None,
+    hidden: Annotated[
+        int, option("--hidden", "Rectified units between what is seen and the actions.", "N", parser=whole(0))
+    ] = DEFAULTS.hidden,
     episodes: Annotated[
         int, option("--episodes -n", f"Of each scenario that draws, from seed {VALIDATION_SEED}.", "N", parser=whole())
     ] = DEFAULTS.episodes,
@@ -61,7 +64,7 @@ def bound_command(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    r"""Search the best linear schedule of a law's damping for some episodes: a bound for what learning can reach there.
+    r"""Search the best schedule of a law's damping for some episodes: a bound for what learning can reach there.
 
     CMA-ES on whole episodes, with the score as its aim. Leaves the best so far after every generation, as a policy
     for sffr evaluate and sffr benchmark. Needs the extra [bold]tune[/]: pip install "sffr-gym\[tune]".
@@ -74,7 +77,7 @@ def bound_command(
         settings = check_arguments(
             BoundSettings, scenarios=tuple(scenarios), law=law, rho=rho, base_tolerance=base_tolerance,
             stack_size=stack_size,
-            features=DEFAULTS.features if feature is None else tuple(feature), episodes=episodes,
+            features=DEFAULTS.features if feature is None else tuple(feature), hidden=hidden, episodes=episodes,
             generations=generations, spread=spread, effort_price=effort_price, seed=seed,
         )  # fmt: skip
         begin = None if start is None else load_schedule(start)

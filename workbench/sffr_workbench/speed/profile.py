@@ -135,7 +135,7 @@ def _interface(quick: bool) -> dict[str, Contender]:
     batch = make_batch(plant, 1)
     put_episode(batch, 0, draw(load_scenario("nominal"), nominal(bare.params), np.random.default_rng(0)))
     stepper = Stepper(step_range, Structures([plant]), batch, len(still), group_shapes(plant))
-    stepper.observe(0)
+    stepper.observe()
     steps: dict[str, Callable[[], Any]] = {
         "batch": stepper.step,
         "env": lambda: bare.step(still),

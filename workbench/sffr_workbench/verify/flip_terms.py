@@ -42,7 +42,11 @@ LOOP = {  # file: function: what it computes
     },
     f"{TASK}/observation.py": {"observe": "errors", "_write": "axes"},
     f"{TASK}/signals.py": {"measure_state": "signals", "measure_command": "signals", "_bending": "signals"},
-    f"{TASK}/quasi_static.py": {"quasi_static_amplitude": "quasi-static"},
+    f"{TASK}/quasi_static.py": {"quasi_static_amplitude": "quasi-static", "panel_push": "quasi-static"},
+    f"{TASK}/episode_start.py": {
+        "_leave": "path", "_excite": "modes", "_bend": "quasi-static", "_shift": "rigid motion",
+        "_put_impulses": "impulse",
+    },
     f"{TASK}/status.py": {"_elbow": "ends", "_gap": "ends"},
     f"{TASK}/reward.py": {"reward_terms": "reward"},
     f"{TASK}/control_period.py": {"control_period": "wrench"},
@@ -80,6 +84,7 @@ PERIOD = [
     "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
     "terminates or info or reward or cost or simulator or momentum",
 ]  # fmt: skip
+STARTS = "turns_how or whole_path or moving_joints or bent_by_it or its_rate or impulses_act or test_scenario"
 TESTS = {  # that check the files of LOOP, and others where the sections see nothing, as arguments of pytest
     f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
     f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
@@ -99,6 +104,7 @@ TESTS = {  # that check the files of LOOP, and others where the sections see not
         *PERIOD[:-2], "test_quasi_static.py", "test_signals.py", "-k", f"{PERIOD[-1]} or quasi_static or test_signals",
     ],
     f"{TASK}/quasi_static.py": ["test_quasi_static.py"], f"{TASK}/status.py": PERIOD,
+    f"{TASK}/episode_start.py": ["test_episode_start.py", "test_episode.py", "test_scenario.py", "-k", STARTS],
     f"{TASK}/reward.py": PERIOD, f"{TASK}/control_period.py": PERIOD,
     f"{TASK}/disturbances.py": ["test_disturbances.py", "-k", "philox or momentum or white"],
     f"{LAWS}/free_floating.py": ["test_free_floating.py", "-k", "cramers or first_period or (tracked and none)"],
@@ -138,6 +144,7 @@ FREE = {  # function, term: why its sign makes no difference
     ("_transition", "rate * duration"): "a cosine is even, and its sine is turned around as a whole",
     ("_transition", "decay * duration"): "of a mode that is critically damped to the last bit",
     ("_on_figure_eight", "2.0 * angle"): "a cosine is even, and its sine is turned around as a whole",
+    ("_shift", "offset[1] * numbers[at + 2]"): "a turn to either side is as likely",
     ("_add_pair", "2.0 * pi * (float(b) + 0.5) * TO_UNIT"): "an angle that is as likely",
     ("_add_pair", "float(b)"): "an angle that is as likely",
     ("_add_pair", "0.5"): "half of the least step of an angle",
