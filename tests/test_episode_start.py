@@ -75,6 +75,17 @@ def test_an_offset_turns_how_the_object_moves_against_the_base(params, override)
         assert np.arctan2(*shift[::-1]) % (2 * np.pi) == pytest.approx(episode.drawn["offset_direction_rad"], abs=1e-12)
 
 
+def test_an_offset_without_an_object_is_the_bases(params):
+    """Which shifts by what was drawn and turns where it is, and keeps its velocity."""
+    robot = params.with_overrides("object=null", MOVING, ELSEWHERE)
+    episode, known = drawn_episode(robot, user(offset_position=0.3, offset_angle=0.4), 3)
+    drawn, moved = episode.drawn, episode.p - known.p
+    direction = np.array([np.cos(drawn["offset_direction_rad"]), np.sin(drawn["offset_direction_rad"])])
+    np.testing.assert_allclose(moved[:3], [*drawn["offset_m"] * direction, drawn["offset_angle_rad"]], atol=1e-15)
+    assert not moved[3:].any()
+    np.testing.assert_array_equal(episode.v, known.v)
+
+
 @pytest.mark.parametrize("kind", PATHS)
 def test_a_drawn_speed_is_that_of_the_whole_path(params, kind):
     """The desired motion, the episode's length and the start are those of a robot whose path has that speed."""

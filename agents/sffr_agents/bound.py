@@ -178,9 +178,8 @@ def find_bound(
         layers = _with_searched(first, free, np.array(candidates))
         strategy.tell(candidates, np.mean([each.costs(layers) for each in episodes], axis=0))
         best = _with_searched(first, free, np.asarray(strategy.result.xbest))
-        network = Network(
-            *zip(*((each[:, :-1].copy(), each[:, -1].copy()) for each in best), strict=True), settings.hidden > 0, True
-        )
+        matrices, biases = tuple(each[:, :-1].copy() for each in best), tuple(each[:, -1].copy() for each in best)
+        network = Network(matrices, biases, relu=settings.hidden > 0, squash=True)
         trained = {"algo": "cma-es", "evaluations": int(strategy.result.evaluations)} | settings.model_dump(mode="json")
         yield LearnedSchedule.of(network, batch, trained), float(strategy.result.fbest)
 

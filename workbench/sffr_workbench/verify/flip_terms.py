@@ -84,7 +84,7 @@ PERIOD = [
     "test_observation.py", "test_episode_end.py", "test_env.py", "test_disturbances.py", "-k",
     "terminates or info or reward or cost or simulator or momentum",
 ]  # fmt: skip
-STARTS = "turns_how or whole_path or moving_joints or bent_by_it or its_rate or impulses_act or test_scenario"
+STARTS = "(test_episode_start and not many and not copies and not state) or bent_by_it or test_scenario"
 TESTS = {  # that check the files of LOOP, and others where the sections see nothing, as arguments of pytest
     f"{PHYSICS}/etdrk4.py": STEPS, f"{PHYSICS}/stiff_modes.py": STEPS, f"{PHYSICS}/rk4.py": STEPS,
     f"{PHYSICS}/foreshortening.py": ["test_foreshortening.py", "-k", "lagrange or sensors or mass_matrix or stiffens"],
@@ -145,6 +145,11 @@ FREE = {  # function, term: why its sign makes no difference
     ("_transition", "decay * duration"): "of a mode that is critically damped to the last bit",
     ("_on_figure_eight", "2.0 * angle"): "a cosine is even, and its sine is turned around as a whole",
     ("_shift", "offset[1] * numbers[at + 2]"): "a turn to either side is as likely",
+    ("_put_impulses", "size * cos(direction)"): "an impulse the other way is as likely",
+    ("_put_impulses", "cos(direction)"): "an impulse the other way is as likely",
+    ("_put_impulses", "size * sin(direction)"): "an impulse the other way is as likely",
+    ("_put_impulses", "sin(direction)"): "an impulse the other way is as likely",
+    ("_put_impulses", "numbers[at + 3] * draws.moment[k]"): "a moment the other way is as likely",
     ("_add_pair", "2.0 * pi * (float(b) + 0.5) * TO_UNIT"): "an angle that is as likely",
     ("_add_pair", "float(b)"): "an angle that is as likely",
     ("_add_pair", "0.5"): "half of the least step of an angle",
