@@ -8,8 +8,8 @@ import numpy as np
 
 from sffr_gym.compile.kernels import entry, kernel
 from sffr_gym.envs.batch import Batch
-from sffr_gym.task.episode import Nominal
-from sffr_gym.task.episode_draws import drawn_names, episode_draws, episode_ticks, sample, sample_pcg64
+from sffr_gym.task.episode import Nominal, draws_of
+from sffr_gym.task.episode_draws import episode_ticks, sample, sample_pcg64
 from sffr_gym.task.episode_start import start_episode
 from sffr_gym.task.scenario import Scenario
 
@@ -34,8 +34,7 @@ class BatchDraws:
     def __init__(self, scenario: Scenario, distribution: Scenario, known: Nominal, batch: Batch) -> None:
         n = len(batch.tick)
         self.scenario = scenario
-        self.draws = episode_draws(distribution, known.params, known.model, known.p, known.v, known.fields)
-        self.names = drawn_names(distribution, self.draws, len(known.model.panel_root))
+        self.draws, self.names = draws_of(distribution, known)
         self.numbers, self.ticks = np.zeros((n, len(self.names))), np.zeros(n, dtype=np.int64)
         self._chosen, self._batch = np.zeros(n, dtype=np.bool_), batch
         self._start = start_range.bind(known.model, self.draws, self.numbers, self._chosen, batch, self.ticks, 0, n)

@@ -17,8 +17,7 @@ from sffr_gym.envs.lane_plants import LanePlants
 from sffr_gym.physics.integrator import step_shapes
 from sffr_gym.physics.plant import advance_plant, evaluate
 from sffr_gym.task.control_period import observe_states, period_shapes
-from sffr_gym.task.episode import nominal
-from sffr_gym.task.episode_draws import episode_draws
+from sffr_gym.task.episode import draws_of, nominal
 from sffr_gym.task.reference import path_reference
 from sffr_gym.task.scenario import load_scenario
 from sffr_gym.task.signals import N_SIGNALS
@@ -61,9 +60,8 @@ def _observe_range() -> Exemplars:
 
 @start_range.shown_by
 def _start_range() -> Exemplars:
-    params, task = load_params(), exemplar_task()
-    known = nominal(params)
-    draws = episode_draws(load_scenario("impulse"), params, known.model, known.p, known.v, known.fields)
+    task, known = exemplar_task(), nominal(load_params())
+    draws, _ = draws_of(load_scenario("impulse"), known)
     numbers, chosen = np.zeros((2, len(draws.kinds))), np.ones(2, dtype=np.bool_)
     ticks = np.zeros(2, dtype=np.int64)
     yield PLAIN, (known.model, draws, numbers, chosen, make_batch(task, 2), ticks, 0, 2)

@@ -63,6 +63,7 @@ class Nominal(NamedTuple):
     p: Array  #: (n,) its positions and velocities at the undisturbed start
     v: Array  #: (n,)
     fields: dict[str, Field]  #: layout of the observation
+    draws: dict[Scenario, tuple[EpisodeDraws, list[str]]]  #: what :func:`draws_of` has returned
 
 
 def nominal(params: Params, scenario: Scenario | None = None) -> Nominal:
@@ -76,7 +77,19 @@ def nominal(params: Params, scenario: Scenario | None = None) -> Nominal:
     model = pack(plant)
     p, v = initial_positions(plant, model)
     check_path(params, path_reference(params, model, p))
-    return Nominal(params, plant, model, p, v, observation_fields(model, params))
+    return Nominal(params, plant, model, p, v, observation_fields(model, params), {})
+
+
+def draws_of(scenario: Scenario, known: Nominal) -> tuple[EpisodeDraws, list[str]]:
+    """Return what a scenario draws beside the plant, and the names of it; kept, as that takes longer than a draw.
+
+    Raises:
+        ConfigError: see :func:`sffr_gym.task.episode_draws.episode_draws`.
+    """
+    if scenario not in known.draws:
+        draws = episode_draws(scenario, known.params, known.model, known.p, known.v, known.fields)
+        known.draws[scenario] = draws, drawn_names(scenario, draws, len(known.model.panel_root))
+    return known.draws[scenario]
 
 
 def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episode:
@@ -94,9 +107,8 @@ def draw(scenario: Scenario, known: Nominal, rng: np.random.Generator) -> Episod
     if scenario.plant.settings and known.plant is known.params:
         raise ValueError(f"scenario {scenario.name}: has a plant of its own: draw from nominal(params, scenario)")
     prior, plant, model, n_p = known.params, known.plant, known.model, len(known.model.panel_root)
-    draws = episode_draws(scenario, prior, model, known.p, known.v, known.fields)
-    names, numbers = drawn_names(scenario, draws, n_p), np.zeros(len(draws.kinds))
-    to_plant, to_fault = draws.parts.tolist()
+    draws, names = draws_of(scenario, known)
+    numbers, (to_plant, to_fault) = np.zeros(len(names)), draws.parts.tolist()
 
     def drawn_from(first: int, last: int | None) -> Drawn:
         return dict(zip(names[first:last], numbers[first:last].tolist(), strict=True))

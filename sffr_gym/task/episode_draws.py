@@ -126,8 +126,9 @@ def drawn_names(scenario: Scenario, draws: EpisodeDraws, n_p: int) -> list[str]:
 
 def sample(draws: EpisodeDraws, rng: np.random.Generator, numbers: Array, first: int, last: int) -> None:
     """Draw the numbers (k,) of an episode from ``first`` up to ``last``; those before are there."""
-    whole = np.flatnonzero(draws.kinds[first:last]) + first
-    for k in whole.tolist():
+    if first == last:
+        return
+    for k in (np.flatnonzero(draws.kinds[first:last]) + first).tolist():
         _sample_uniform(draws, rng, numbers, first, k)
         is_tick = draws.kinds[k] == TICK
         numbers[k] = rng.integers(episode_ticks(draws, numbers)) if is_tick else rng.integers(1, KEYS)

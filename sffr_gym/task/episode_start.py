@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sffr_gym.compile.kernels import kernel
+from sffr_gym.compile.linalg import assign
 from sffr_gym.config.path import DEGREE, N_PIECE
 from sffr_gym.physics.beam import N_TIP
 from sffr_gym.task.disturbances import NEVER
@@ -48,13 +49,13 @@ def new_starts(draws: EpisodeDraws) -> Starts:
 def start_episode(model, draws, numbers, starts, i):
     """Write the start of an episode to row ``i`` of ``starts``, and into its ``numbers`` (k,) what they came to be.
 
-    model: the plant; draws: an :class:`EpisodeDraws`; starts: :class:`Starts`, with rows for as many impulses or more.
+    model: the plant; draws: an :class:`EpisodeDraws`; starts: :class:`Starts`, with rows for as many impulses or more,
+    row ``i`` being 0 or another start of these draws.
     """
     p, v, reference = starts.p[i], starts.v[i], starts.reference[i]
-    for k in range(len(p)):
-        p[k], v[k] = draws.p[k], draws.v[k]
-    for k in range(len(reference)):
-        reference[k] = draws.reference[k]
+    assign(p, draws.p)
+    assign(v, draws.v)
+    assign(reference, draws.reference)
     at = draws.draws_speed + draws.draws_phase
     if at > 0:
         _leave(model, draws, numbers, reference, p, v)
@@ -174,10 +175,11 @@ def _put_sensing(draws, numbers, at, starts, i):
     if draws.noisy > 0:
         starts.key[i] = int(numbers[at])
         at += 1
-    for k in range(len(draws.level)):
-        starts.level[i, k], starts.quantum[i, k] = draws.level[k], 0.0
-        if draws.steps[k] >= 0:
-            starts.quantum[i, k] = numbers[at + draws.steps[k]]
+    if draws.noisy > 0:
+        assign(starts.level[i], draws.level)
     for k in range(at, len(numbers)):
         if numbers[k] > 0.0:
             starts.coarse[i] = 1
+    if len(numbers) > at:
+        for k in range(len(draws.steps)):
+            starts.quantum[i, k] = numbers[at + draws.steps[k]] if draws.steps[k] >= 0 else 0.0
