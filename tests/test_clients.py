@@ -1,9 +1,13 @@
 """The runner of clients: it finds each page's programs, tells failures, and keeps the rows of others."""
 
+import runpy
 import subprocess
 import sys
+import types
 from pathlib import Path
 
+import gymnasium as gym
+import optuna
 import pytest
 import yaml
 from project import ROOT
@@ -50,6 +54,31 @@ def test_the_zoos_hyperparameters_are_those_of_the_shipped_training(algo, same):
     own = load_config(algo).learning
     assert {name: zoo[name] for name in same} == {name: getattr(own, name) for name in same}
     assert float(zoo["learning_rate"].removeprefix("lin_")) == own.learning_rate
+
+
+@pytest.mark.parametrize("env", ["SFFRFlexDamping-v0", "SFFRFlex-v0"])
+def test_the_zoos_search_begins_at_the_files_settings(env, monkeypatch):
+    """Where the zoo is not installed, two of its names stand for it."""
+    samplers = {}
+    for name, content in (
+        ("rl_zoo3", {}),
+        ("rl_zoo3.hyperparams_opt", {"HYPERPARAMS_SAMPLER": samplers}),
+        ("rl_zoo3.utils", {"SimpleLinearSchedule": float}),
+    ):
+        module = types.ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    search = runpy.run_path(str(ROOT / "configs" / "zoo" / "search.py"))
+    own = search["FILE"][env]
+    trial = optuna.trial.FixedTrial(search["start"](own), number=1)
+    (actions,) = (number for number, name in search["ID"].items() if name == env)
+    assert gym.make(f"sffr_gym:{env}").action_space.shape == (actions,)
+    drawn = samplers["ppo"](trial, actions, own["n_envs"], {})
+    assert drawn.pop("learning_rate") == float(own["learning_rate"].removeprefix("lin_"))
+    kwargs = drawn.pop("policy_kwargs")
+    assert kwargs["net_arch"] == own["policy_kwargs"]["net_arch"]
+    assert kwargs["log_std_init"] == pytest.approx(own["policy_kwargs"]["log_std_init"])
+    assert drawn == pytest.approx({name: own[name] for name in drawn})
 
 
 def test_the_table_is_of_known_clients_and_nothing_failed():
