@@ -8,13 +8,15 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 PIP_ARGS ?=
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq $(PIP_ARGS) -c constraints-dev.txt
+# Of twenty thousand modules that are installed Python compiles those that are used, when they are.
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -qq --no-compile $(PIP_ARGS) -c constraints-dev.txt
 INSTALL := $(PIP) --no-build-isolation --editable
 # What the package needs is installed, with extras, while its kernels are compiled: with the versions that are tested.
 NEEDS := $(BIN)/python .ci/needs.py
 BESIDE = $(BIN)/python hatch_build.py & $(NEEDS) $(1) > $@.txt && $(PIP) -r $@.txt; status=$$?; wait $$! && exit $$status
 ROOMS := sffr_gym baselines agents workbench tests docs
 POLICIES := none hsc ahsc ppo sac
+EVALUATE = $(BIN)/sffr evaluate $(POLICIES) --scenario $(1) --out runs/$(1) --overwrite
 PYTEST_ARGS ?=
 # Two workers share the processors: threads of libraries that wait, do so without turning.
 PYTEST := OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
@@ -30,8 +32,8 @@ help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
 run: $(VENV)/.run ## the case study under none, HSC, AHSC and learned policies; results in runs/, see runs/report.html
-	$(BIN)/sffr evaluate $(POLICIES) --scenario nominal --out runs/nominal --overwrite
-	$(BIN)/sffr evaluate $(POLICIES) --scenario excited --out runs/excited --overwrite
+	$(call EVALUATE,excited) > $(VENV)/.excited.txt 2>&1 & $(call EVALUATE,nominal); status=$$?; \
+		wait $$! || status=$$?; cat $(VENV)/.excited.txt; exit $$status # on a processor each
 	$(BIN)/sffr report runs/nominal runs/excited --out runs/report.html --overwrite
 
 verify: $(VENV)/.verify ## the simulator against SymPy, Pinocchio, MuJoCo and Exudyn; page in runs/verify

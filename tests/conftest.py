@@ -8,8 +8,31 @@ import yaml
 from small_kernels import make_libraries
 
 from sffr_gym.config.params import load_params
+from sffr_gym.render import window
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # pygame's windows
+
+
+class Clock:
+    """A clock on which nothing takes time but sleeping and what a test adds."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def perf_counter(self):
+        return self.now
+
+    def sleep(self, seconds):
+        assert 0.0 < seconds <= window.SLICE
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """That of windows, which wait for simulated time without taking any."""
+    clock = Clock()
+    monkeypatch.setattr(window, "time", clock)
+    return clock
 
 
 @pytest.fixture(autouse=True)

@@ -138,8 +138,7 @@ def gathered(rows: list[tuple[Any, dict[str, Any]]]) -> Case:
     case: Case = {"obs": np.array([obs for obs, _ in rows])}
     names = {name for _, info in rows for name in info if not name.startswith(("drawn_", "_drawn_"))}
     for name in sorted(names - {"failure"}):
-        values = [np.asarray(info[name], dtype=np.float64).ravel() for _, info in rows if name in info]
-        case[name] = np.concatenate(values)
+        case[name] = np.array([info[name] for _, info in rows if name in info], dtype=np.float64).ravel()
     reasons = [np.vectorize(lambda code: str(Failure(code)), otypes=[object])(info["failure"]) for _, info in rows]
     drawn = [{name.replace("drawn_", "", 1): info[name] for name in info if name not in names} for _, info in rows]
     for name, values in ("failure", reasons), ("drawn", drawn):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import functools
 import hashlib
 import json
 import os
@@ -84,8 +85,14 @@ class Mutant(NamedTuple):
 
     def source(self) -> str:
         """The module with the change."""
-        before = (ROOT / self.module).read_text(encoding="utf-8")
-        return str(mutate_code(before, get_operator(f"core/{self.operator}")(), self.occurrence))
+        return _changed_source(self.module, self.operator, self.occurrence)
+
+
+@functools.lru_cache(maxsize=64)
+def _changed_source(module: str, operator: str, occurrence: int) -> str:
+    """A module with a change; who asks for one asks again and again."""
+    before = (ROOT / module).read_text(encoding="utf-8")
+    return str(mutate_code(before, get_operator(f"core/{operator}")(), occurrence))
 
 
 def matches(entry: dict[str, Any], mutant: Mutant) -> bool:

@@ -32,9 +32,9 @@ def scores(policies, scenarios):
 def test_nothing_is_cut_off(paint, scenarios, count):
     with drawing():
         figure = paint(scores(NAMES[:count], scenarios))
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        renderer, whole = canvas.get_renderer(), figure.bbox.padded(1.0)
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()  # lays everything out, and colours no pixel
+        whole = figure.bbox.padded(1.0)
         legends = [text for legend in figure.legends for text in legend.get_texts()]
         texts = [*figure.texts, *legends, *(axes.title for axes in figure.axes if axes.get_visible())]
         corners = {text.get_text(): text.get_window_extent(renderer).corners() for text in texts}

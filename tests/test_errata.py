@@ -94,7 +94,9 @@ class TestRigidPart:
         polar = self.q[0] * sp.Matrix([sp.cos(self.q[1]), sp.sin(self.q[1])])
         derived = self.lagrange(polar)
         assert (derived - self.printed(polar, mended=True)).expand() == sp.zeros(3, 1)
-        assert (derived - self.printed(polar, mended=False)).applyfunc(sp.simplify) != sp.zeros(3, 1)
+        harm = self.printed(polar, mended=True) - self.printed(polar, mended=False)
+        values = {x: sp.Rational(k, 7) for k, x in enumerate([*self.qd, *self.q, self.M, self.m, self.I0, self.I1], 1)}
+        assert sp.N(harm.subs(values)).norm() > 1e-3  # at one place of all is enough
 
     def test_the_exchange_does_no_harm_in_cartesian_coordinates(self):
         cartesian = sp.Matrix([self.q[0], self.q[1]])

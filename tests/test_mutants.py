@@ -1,5 +1,6 @@
 """The table of the mutation tests fits the sources: no module, test or accepted line in it is gone."""
 
+import functools
 import re
 import shlex
 import subprocess
@@ -9,6 +10,7 @@ import pytest
 from project import ROOT
 
 mutants = pytest.importorskip("cosmic_ray") and __import__("mutants")
+mutants_of = functools.cache(mutants.mutants_of)  # of a module, which many accepted lines are of
 
 
 def collected(request, files):
@@ -48,7 +50,7 @@ def test_chosen_tests_are_there(module, fast_tests):
 def test_modules_have_mutants_and_tests(module):
     tests = [word for test in mutants.MODULES[module] for word in shlex.split(test) if word.endswith(".py")]
     assert tests and all((ROOT / "tests" / test).is_file() for test in tests)
-    found = mutants.mutants_of(module)
+    found = mutants_of(module)
     assert len({mutant.key for mutant in found}) == len(found)
     assert mutants.sample(found, 3) == mutants.sample(found, 3)
     assert any(mutants.sample(found, 3, draw) != mutants.sample(found, 3) for draw in range(1, 9)) or len(found) <= 3
@@ -61,8 +63,8 @@ def test_modules_have_mutants_and_tests(module):
 
 def test_report_counts_by_package_and_names_survivors():
     """Of two modules with a survivor each, one of them with a reason, and one that was not tested."""
-    task, _, other = (mutants.mutants_of(name) for name in list(mutants.MODULES)[:3])
-    accepted = next(mutant for mutant in mutants.mutants_of("sffr_gym/task/control_period.py") if mutant.reason)
+    task, _, other = (mutants_of(name) for name in list(mutants.MODULES)[:3])
+    accepted = next(mutant for mutant in mutants_of("sffr_gym/task/control_period.py") if mutant.reason)
     page = mutants.report([
         mutants.Tested(task[0].module, len(task), 6, [task[0]]),
         mutants.Tested("baselines/sffr_baselines/x.py", 9, 4, [accepted]),
@@ -83,7 +85,7 @@ def test_an_accepted_change_is_not_another_change_of_its_line(kind):
     """Unless the entry says nothing of what the line is changed to."""
     entry = next(each for each in mutants.CONFIG["accepted"] if isinstance(each.get("changed"), kind))
     whole = {name: value for name, value in entry.items() if name != "changed"}
-    found = [mutant for mutant in mutants.mutants_of(entry["module"]) if mutants.matches(whole, mutant)]
+    found = [mutant for mutant in mutants_of(entry["module"]) if mutants.matches(whole, mutant)]
     accepted = [mutant.changed for mutant in found if mutants.matches(entry, mutant)]
     assert sorted(accepted) == sorted([entry["changed"]] if kind is str else entry["changed"])
     assert len(found) > len(accepted)
@@ -91,7 +93,7 @@ def test_an_accepted_change_is_not_another_change_of_its_line(kind):
 
 @pytest.mark.parametrize("entry", mutants.CONFIG.get("accepted", ()), ids=lambda entry: entry["line"])
 def test_accepted_lines_are_still_there(entry):
-    found = {mutant.changed for mutant in mutants.mutants_of(entry["module"]) if mutants.matches(entry, mutant)}
+    found = {mutant.changed for mutant in mutants_of(entry["module"]) if mutants.matches(entry, mutant)}
     changed = entry.get("changed", found)
     assert found == ({changed} if isinstance(changed, str) else set(changed)) and found
     assert entry["reason"]

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from sffr_gym.config.params import Params, load_params
 from sffr_gym.config.sections import PANEL_KEYS, Base, PanelMount
-from sffr_gym.config.strict_yaml import ConfigError
+from sffr_gym.config.strict_yaml import SHIPPED, ConfigError, config_dir
 
 OTHER_WORDS = {
     "fixed": "tangent",
@@ -166,12 +166,22 @@ def test_objects_are_immutable_hashable_and_pickle(params):
         params.object = None
     with pytest.raises(ValidationError, match="extra_forbidden"):
         Base(mass=1.0, inertia=1.0, side=1.0, colour=1.0)
-    again = load_params()
+    again = load_params("sffr")
     assert again is not params
     assert hash(again) == hash(params) != hash(params.with_overrides("panel.EI=21"))
     assert pickle.loads(pickle.dumps(params)) == params
     assert isinstance(params.arms, tuple)
     assert isinstance(params.initial.q, tuple)
+
+
+def test_the_shipped_parameters_are_those_of_their_file(params, tmp_path, monkeypatch):
+    """As it is now: they are kept for as long as it stays the same, and no longer."""
+    text = (config_dir() / SHIPPED).read_text(encoding="utf-8")
+    monkeypatch.setattr("sffr_gym.config.params.config_dir", lambda: tmp_path)
+    (tmp_path / SHIPPED).write_text(text, encoding="utf-8")
+    assert load_params() == params and load_params() is load_params()
+    (tmp_path / SHIPPED).write_text(text.replace("mass: 50", "mass: 51"), encoding="utf-8")
+    assert load_params() == params.with_overrides("base.mass=51")
 
 
 def test_manifest_round_trip(params):

@@ -4,6 +4,16 @@ import sympy as sp
 from lagrangian import floating_panel
 
 
+def reduced(difference: sp.Expr, angle: sp.Symbol) -> sp.Expr:
+    """A polynomial in the sine and cosine of one angle in its only form without squares of the sine.
+
+    It is zero if and only if the difference is, and found in a tenth of the time that ``simplify`` takes.
+    """
+    S, C = sp.sin(angle), sp.cos(angle)
+    powers = sp.Poly(sp.expand(difference), S, C).rem(sp.Poly(S**2 + C**2 - 1, S, C))
+    return powers.as_expr()
+
+
 class TestPrintedPanel:
     """The paper's panel matrices against those derived from the energies, in symbols."""
 
@@ -27,8 +37,8 @@ class TestPrintedPanel:
         for row, entries in enumerate(upper):
             for offset, entry in enumerate(entries):
                 column = row + offset
-                assert sp.simplify(p.M[row, column] - entry) == 0, (row, column)
-                assert sp.simplify(p.M[column, row] - entry) == 0, (column, row)
+                assert reduced(p.M[row, column] - entry, delta) == 0, (row, column)
+                assert reduced(p.M[column, row] - entry, delta) == 0, (column, row)
 
     def test_stiffness_is_eq_47(self) -> None:
         """Eq. 47 as printed."""
@@ -56,7 +66,7 @@ class TestPrintedPanel:
             m * rate_**2 * (L**2 / 105 * q6 - F(11, 210) * L * q5) + 2 * m * rate_ * (L / 20 * v4),
         ]
         for row, entry in enumerate(rows):
-            assert sp.simplify(p.Q_v[row] - entry) == 0, row
+            assert reduced(p.Q_v[row] - entry, delta) == 0, row
         printed = [-2 * m * rate_ * (v4 / 3 + rest), rows[3] + m * rate_**2 * (1 - L) / 3]
         for row, entry in zip((2, 3), printed, strict=True):
-            assert sp.simplify(p.Q_v[row] - entry) != 0, row
+            assert reduced(p.Q_v[row] - entry, delta) != 0, row

@@ -152,7 +152,7 @@ def test_plant_that_no_scenario_draws_is_refused(factor):
 @pytest.mark.parametrize("name,mode", MODES)
 @pytest.mark.parametrize("how", COPIES)
 @pytest.mark.parametrize("stage", ["made", "reset", "drawn"])
-def test_copies_go_on_exactly(name, mode, how, stage):
+def test_copies_go_on_exactly(name, mode, how, stage, clock):
     """In every mode, wherever they were; generators included."""
     if mode == "human":
         pytest.importorskip("pygame")

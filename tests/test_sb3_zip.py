@@ -42,7 +42,7 @@ def members(content):
 def packed(contents, method=zipfile.ZIP_STORED):
     """A zip archive of these members."""
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", method) as archive:
+    with zipfile.ZipFile(file, "w", method, compresslevel=1) as archive:
         for name, content in contents.items():
             archive.writestr(name, content)
     return file.getvalue()

@@ -9,31 +9,9 @@ from gymnasium import error
 
 from sffr_baselines.damping_env import SFFRFlexDampingEnv
 from sffr_gym.envs.single import SFFRFlexEnv
-from sffr_gym.render import window
 
 pytest.importorskip("PIL")
 pygame = pytest.importorskip("pygame")
-
-
-class Clock:
-    """A clock on which nothing takes time but sleeping and what a test adds."""
-
-    def __init__(self):
-        self.now = 100.0
-
-    def perf_counter(self):
-        return self.now
-
-    def sleep(self, seconds):
-        assert 0.0 < seconds <= window.SLICE
-        self.now += seconds
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(window, "time", clock)
-    return clock
 
 
 @pytest.fixture(autouse=True)

@@ -139,26 +139,33 @@ class _Writer:
 
     def _add_array(self, array: np.ndarray) -> None:
         """Write an array."""
-        kind, shape, strides = KINDS.get(array.dtype), array.shape, array.strides
-        if kind is None or not array.flags.aligned:
+        kind, shape, strides, flags = KINDS.get(array.dtype), array.shape, array.strides, array.flags
+        if kind is None or not flags.aligned:
             raise TypeError(f"kernels know aligned arrays of float64, int64 and bool, got one of {array.dtype}")
         if isinstance(array, LaneArray):
             kind, shape, strides = "l", shape[:-1], strides[:-1]
-        contiguous = array.flags.c_contiguous
-        self.form.append(f"{kind if contiguous else kind.upper()}{len(shape)}")
+        self.form.append(f"{kind if flags.c_contiguous else kind.upper()}{len(shape)}")
         self.words += (_address(array), *shape, *strides)
 
 
 def interleaved(value: tuple[Any, ...]) -> list[np.ndarray] | None:
     """Return the arrays of a named tuple, nested at will, if they lie entry by entry; see ``workspace.Interleaved``."""
-    leaves = list(_leaves(value))
-    if len(leaves) < 2 or not all(isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 for leaf in leaves):
+    one = next(_leaves(value), None)
+    if not isinstance(one, np.ndarray) or one.dtype != np.float64:
         return None
-    shape, strides, first = leaves[0].shape, leaves[0].strides, _address(leaves[0])
-    if len(shape) != 1 + isinstance(leaves[0], LaneArray):
+    shape, strides = one.shape, one.strides
+    if len(shape) != 1 + isinstance(one, LaneArray):
         return None
     size = 8 if len(shape) == 1 else strides[1] * shape[1]
-    as_one = strides[0] == size * len(leaves) and all(
+    if strides[0] < 2 * size:  # most tuples: told by one of their arrays, without a look at the others
+        return None
+    leaves = list(_leaves(value))
+    if strides[0] != size * len(leaves):
+        return None
+    if not all(isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 for leaf in leaves):
+        return None
+    first = _address(one)
+    as_one = all(
         leaf.shape == shape and leaf.strides == strides and _address(leaf) == first + k * size
         for k, leaf in enumerate(leaves)
     )

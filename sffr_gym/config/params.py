@@ -3,8 +3,10 @@
 The sections are those of ``configs/sffr.yaml``; ``sections.py`` has their models.
 """
 
+import functools
 import os
 from collections.abc import Mapping
+from pathlib import Path as FilePath
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
@@ -15,6 +17,7 @@ from sffr_gym.config.field_errors import error_at, raise_errors
 from sffr_gym.config.files import short_hash
 from sffr_gym.config.path import Path
 from sffr_gym.config.ranges import at_most
+from sffr_gym.config.reading import read_text
 from sffr_gym.config.sections import (
     COSTS,
     EACH,
@@ -43,6 +46,7 @@ from sffr_gym.config.strict_yaml import (
     merge,
     read_mapping,
 )
+from sffr_gym.config.yaml_text import MOST_YAML
 
 __all__ = ["ConfigError", "Params", "load_params"]
 
@@ -219,5 +223,12 @@ def change_shipped(changes: dict[str, Any], where: Where) -> Params:
 
 
 def _shipped() -> Params:
-    """Return the shipped case study."""
-    return build(Params, *read_mapping(config_dir() / SHIPPED))
+    """Return the shipped case study; the same object, which nobody can change, as long as its file stays the same."""
+    file = config_dir() / SHIPPED
+    return _built(file, read_text(file, MOST_YAML))
+
+
+@functools.lru_cache(maxsize=2)
+def _built(file: FilePath, text: str) -> Params:
+    """Return the parameters in a file that holds this text."""
+    return build(Params, *read_mapping(file))

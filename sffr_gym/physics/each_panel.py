@@ -25,7 +25,7 @@ def panel_modes(params: Params) -> list[Modes]:
     panels keep their length.
     """
     panel = params.panel
-    shared = clamped_modes(_beam(panel), 0.0 if panel.foreshortening else panel.axial_cut, panel.bending_cut)
+    shared = _modes_of(*_numbers(panel), 0.0 if panel.foreshortening else panel.axial_cut, panel.bending_cut)
     return of_each_panel(params, lambda each: shared if each is panel else slowest_modes(_beam(each), shared))
 
 
@@ -37,7 +37,12 @@ def of_each_panel(params: Params, function: Callable[[Panel], T]) -> list[T]:
 
 
 def _beam(panel: Panel) -> Beam:
-    return _beam_of(panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements)
+    return _beam_of(*_numbers(panel))
+
+
+def _numbers(panel: Panel) -> tuple[float, float, float, float, int]:
+    """Return what a panel's integrals depend on, as :func:`beam` takes it."""
+    return panel.mass, panel.length, panel.EI, panel.E * panel.area, panel.elements
 
 
 @functools.lru_cache(maxsize=64)
@@ -47,3 +52,14 @@ def _beam_of(mass: float, length: float, EI: float, EA: float, elements: int) ->
     for each in integrals[3:]:
         each.setflags(write=False)
     return integrals
+
+
+@functools.lru_cache(maxsize=64)
+def _modes_of(
+    mass: float, length: float, EI: float, EA: float, elements: int, axial_cut: float, bending_cut: float
+) -> Modes:
+    """Return what :func:`clamped_modes` does, for all who read it."""
+    modes = clamped_modes(_beam_of(mass, length, EI, EA, elements), axial_cut, bending_cut)
+    for each in (modes.omega, modes.shapes):
+        each.setflags(write=False)
+    return modes

@@ -78,5 +78,5 @@ def modal_tip_deflections(model: Model, amplitudes: Array) -> Array:
 def _beyond(joint: Point, along: Array, distance: float, w: Array, qd: Array) -> Point:
     """Return the point of a link at a distance from its joint [m], in the link's direction."""
     r = distance * along
-    J = joint.J + np.outer(perpendicular(r), w)
+    J = joint.J + perpendicular(r)[:, None] * w
     return Point(joint.x + r, J, joint.Jd_qd - (w @ qd) ** 2 * r, w)

@@ -101,7 +101,7 @@ class Fakes:
     """What is right and what is wrong."""
 
     name = "fakes"
-    most_seconds, most_memory = 2.0, 1e8
+    most_seconds, most_memory = 1.0, 1e8
 
     def make_exemplars(self, folder: Path) -> None:
         """None are needed."""
