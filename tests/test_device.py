@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from drawn import everything
 from gymnasium.vector import AutoresetMode
 
 from sffr_baselines import make_policy
@@ -23,8 +24,8 @@ from sffr_workbench.benchmark.device_episodes import run_on_device
 pytestmark = [
     pytest.mark.skipif(load_library() is None, reason="compares compiled code"), pytest.mark.usefixtures("programs")
 ]  # fmt: skip
-SAME_ROBOT = ["nominal", "excited", "offset", "noise", "impulse"]  # as the controllers believe: one program
-OTHERS = [name for name in scenario_names() if name not in SAME_ROBOT]
+SAME_ROBOT = ["nominal", "excited", "offset", "noise", "impulse", "fast"]  # as the controllers believe: one program
+OTHERS = [name for name in scenario_names() if name != "nominal"]
 
 
 def pair(kind, n, mode=AutoresetMode.NEXT_STEP, **arguments):
@@ -62,14 +63,32 @@ def assert_same_episodes(kind, scenario, mode, steps, **arguments):
     assert ends > 3, "more than each environment's first episode shall end"
 
 
-@pytest.mark.parametrize("scenario", SAME_ROBOT)
+@pytest.mark.parametrize("scenario", ["nominal", everything()], ids=["nominal", "everything"])
 def test_episodes_are_those_of_the_processor(scenario):
+    """Of one that draws nothing, and of one that draws all that is drawn on the device."""
     assert_same_episodes(SFFRFlexVectorEnv, scenario, AutoresetMode.NEXT_STEP, 500, max_episode_steps=200)
+
+
+def test_what_was_drawn_is_told():
+    """And new seeds draw anew; environments that are not reset keep theirs."""
+    native, device = pair(SFFRFlexVectorEnv, 3, scenario=everything())
+    for seed in (7, 8):
+        _, infos = native.reset(seed=seed)
+        device.reset(seed=seed)
+        for i in range(3):
+            assert device.drawn(i) == {
+                name.removeprefix("drawn_"): infos[name][i] for name in infos if name.startswith("drawn_")
+            }
+    before, mask = device.drawn(0), np.array([False, True, False])
+    device.reset(options={"reset_mask": mask})
+    native.reset(options={"reset_mask": mask})
+    assert device.drawn(0) == before
+    assert device.drawn(1)["path_phase_rad"] == native._drawn["path_phase_rad"][0][1]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", OTHERS)
-def test_episodes_are_those_of_the_processor_for_other_robots(scenario):
+def test_episodes_are_those_of_the_processor_in_all_scenarios(scenario):
     assert_same_episodes(SFFRFlexVectorEnv, scenario, AutoresetMode.NEXT_STEP, 500, max_episode_steps=200)
 
 
@@ -95,7 +114,7 @@ def test_a_law_inside_is_that_of_the_processor():
 
 
 def test_same_step_returns_the_new_and_the_last_observation():
-    native, device = pair(SFFRFlexVectorEnv, 3, AutoresetMode.SAME_STEP, scenario="excited", max_episode_steps=3)
+    native, device = pair(SFFRFlexVectorEnv, 3, AutoresetMode.SAME_STEP, scenario=everything(), max_episode_steps=3)
     native.reset(seed=3)
     device.reset(seed=3)
     for action in actions(native.action_space, 5):

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from drawn import everything
 
 from sffr_baselines.damping_env import SFFRFlexDampingVectorEnv
 from sffr_gym import Simulator
@@ -27,11 +28,6 @@ PATHS = {
     "figure-eight": ["path.kind=figure-eight", "path.heading=tangent"],
     "waypoints": ["path.kind=waypoints", "path.points=[[3, 1], [6, -1], [9, 2]]", "path.heading=tangent"],
 }
-EVERYTHING = {
-    "panel_modes": ({"mode": 1, "amplitude": (0.05, 0.1)},), "offset_position": 0.1, "offset_angle": 0.05,
-    "speed": (0.6, 0.8), "random_phase": True, "impulses": {"count": 2, "linear": 2.0, "angular": 1.0},
-    "sensors": {"position": 1e-4, "delay": 0.5, "quantisation": {"angle": (1e-4, 1e-3)}},
-}  # fmt: skip
 
 
 def user(**keys):
@@ -143,7 +139,7 @@ def test_a_drawn_plant_starts_at_the_drawn_speed_once(params):
 @pytest.mark.parametrize("name", [*scenario_names(), "practice/mixed", "everything"])
 def test_numbers_of_a_state_are_those_of_the_generator(params, name):
     """What kernels draw by a generator's state is what NumPy draws, and leaves the same state."""
-    scenario = user(**EVERYTHING) if name == "everything" else load_scenario(name)
+    scenario = everything() if name == "everything" else load_scenario(name)
     robot = scenario.robot_of(params)
     known = nominal(robot, scenario)
     draws = episode_draws(scenario, robot, known.model, known.p, known.v, known.fields)
@@ -161,7 +157,7 @@ def test_numbers_of_a_state_are_those_of_the_generator(params, name):
 @pytest.mark.parametrize("generator", [np.random.PCG64, np.random.MT19937])
 def test_many_start_as_each_would_alone(generator):
     """All that can be drawn without the plant, by any generator of NumPy's."""
-    scenario = user(**EVERYTHING)
+    scenario = everything()
     together, alone = SFFRFlexVectorEnv(3, scenario=scenario), SFFRFlexEnv(scenario=scenario)
     together.np_random = [np.random.Generator(generator(seed)) for seed in range(3)]
     seen, infos = together.reset()
@@ -210,7 +206,7 @@ def test_what_everything_draws_is_there():
     """The test's own scenario draws all that a scenario can without the plant."""
     params = load_params()
     known = nominal(params)
-    draws = episode_draws(user(**EVERYTHING), params, known.model, known.p, known.v, known.fields)
+    draws = episode_draws(everything(), params, known.model, known.p, known.v, known.fields)
     assert set(draws.kinds.tolist()) == {0, 1, 2}
     assert draws.draws_speed == draws.draws_phase == draws.noisy == 1
     assert len(draws.modes) and len(draws.offset) and len(draws.moment) and draws.steps.max() >= 0

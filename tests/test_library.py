@@ -20,7 +20,7 @@ from sffr_gym.compile.library import LEVELS, load_library
 from sffr_gym.envs.single import SFFRFlexEnv
 from sffr_gym.physics.simulator import Simulator
 
-ON_A_GPU = {"sffr_gym.envs.device"}  # compiled elsewhere, see sffr_gym.compile.cuda
+ON_A_GPU = {"sffr_gym.envs.device_episodes", "sffr_gym.task.pcg64"}  # compiled elsewhere, see sffr_gym.compile.cuda
 V2 = {"sse4_2", "ssse3", "popcnt"}
 V3 = V2 | {"avx2", "bmi1", "bmi2", "f16c", "fma", "movbe"}
 V4 = V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
