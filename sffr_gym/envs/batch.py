@@ -192,11 +192,10 @@ class Stepper:
         """Advance the active environments under the actions."""
         as_they_are = self._groups is None or self._groups.fit
         for calls in self._in_lanes if as_they_are else self._one_by_one:
-            if len(calls) > 1:
-                for job in [_pool().submit(call) for call in calls]:
-                    job.result()
-            else:
-                calls[0]()
+            jobs = [_pool().submit(call) for call in calls[1:]]  # this thread works, too: it need not be woken
+            calls[0]()
+            for job in jobs:
+                job.result()
 
     def observe(self, chosen: Any = True) -> None:
         """Observe and measure the chosen environments (n,), or all, where they are, without a step."""

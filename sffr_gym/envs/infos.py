@@ -33,7 +33,10 @@ def batch_infos(batch: Batch, period: float, drawn: Drawn, mask: Mask, texts: bo
     infos |= {"cost": batch.cost.copy(), "applied": batch.applied.copy()}
     if texts:
         infos["failure_text"] = np.array([failure_text(number) for number in batch.status.tolist()], dtype=object)
-    infos = masked(infos, mask)
+    if mask.any():
+        infos |= {f"_{key}": mask.copy() for key in infos}
+    else:
+        infos = {}
     for name, (values, has) in drawn.items():
         if (has & mask).any():
             infos |= {f"drawn_{name}": values.copy(), f"_drawn_{name}": has & mask}
