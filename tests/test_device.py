@@ -70,11 +70,14 @@ def test_episodes_are_those_of_the_processor(scenario):
 
 
 def test_what_was_drawn_is_told():
-    """And new seeds draw anew; environments that are not reset keep theirs."""
-    native, device = pair(SFFRFlexVectorEnv, 3, scenario=everything())
+    """Of the scenario that is asked for; new seeds draw anew, and environments that are not reset keep theirs."""
+    native, device = pair(SFFRFlexVectorEnv, 3)
+    device.reset(seed=7)
+    assert device.drawn(0) == {}
     for seed in (7, 8):
-        _, infos = native.reset(seed=seed)
-        device.reset(seed=seed)
+        _, infos = native.reset(seed=seed, options={"scenario": everything()})
+        obs, _ = device.reset(seed=seed, options={"scenario": everything()})
+        np.testing.assert_array_equal(obs, native._observed())
         for i in range(3):
             assert device.drawn(i) == {
                 name.removeprefix("drawn_"): infos[name][i] for name in infos if name.startswith("drawn_")
@@ -84,6 +87,10 @@ def test_what_was_drawn_is_told():
     native.reset(options={"reset_mask": mask})
     assert device.drawn(0) == before
     assert device.drawn(1)["path_phase_rad"] == native._drawn["path_phase_rad"][0][1]
+    for each in (native, device):
+        each.reset(options={"scenario": "nominal"})
+    np.testing.assert_array_equal(device.batch.p, native._batch.p)
+    assert device.drawn(1) == {}
 
 
 @pytest.mark.slow
