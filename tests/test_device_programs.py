@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from drawn import everything
 from gymnasium.vector import AutoresetMode
 
 from sffr_baselines import make_policy
@@ -103,15 +104,31 @@ def test_a_thread_compiles_for_a_gpu():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [SFFRFlexVectorEnv, SFFRFlexDampingVectorEnv])
-def test_everything_compiles_for_a_gpu(kind):
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        (SFFRFlexVectorEnv, ["observe", "restart", "step"]),
+        (SFFRFlexDampingVectorEnv, ["observe", "restart", "see", "step"]),
+    ],
+)
+def test_everything_compiles_for_a_gpu(kind, names):
     """PTX with nothing unresolved, whose threads keep little in memory: loops unroll and arrays come apart."""
     pytest.importorskip("cuda.pathfinder")
-    ptx = build(threads_of(kind(1)), CAPABILITY).read_text()
-    assert sorted(re.findall(r"\.entry (\w+)", ptx)) == ["restart", "step"]
+    ptx = build([each for each in threads_of(kind(1)) if each.name != "draw"], CAPABILITY).read_text()
+    assert sorted(re.findall(r"\.entry (\w+)", ptx)) == names
     assert ".extern" not in ptx
     assert f".target {CAPABILITY}" in ptx
     assert max(map(int, re.findall(r"__local_depot\d+\[(\d+)\]", ptx))) < 4096  # bytes of each thread
+
+
+@pytest.mark.slow
+def test_draws_compile_for_a_gpu():
+    """Of a scenario that draws all that is drawn there."""
+    pytest.importorskip("cuda.pathfinder")
+    (draw,) = (each for each in threads_of(SFFRFlexVectorEnv(1, scenario=everything())) if each.name == "draw")
+    ptx = build([draw], CAPABILITY).read_text()
+    assert re.findall(r"\.entry (\w+)", ptx) == ["draw"]
+    assert ".extern" not in ptx
 
 
 @pytest.mark.slow
@@ -139,7 +156,7 @@ def threads_of(host):
     class Listener(Processor):
         def launches(self, n, threads):
             found.extend(threads)
-            return {}
+            return {thread.name: lambda: None for thread in threads}
 
-    DeviceVectorEnv(host, 2, AutoresetMode.NEXT_STEP, Listener())
+    DeviceVectorEnv(host, 2, AutoresetMode.NEXT_STEP, Listener()).reset(seed=0)
     return found
