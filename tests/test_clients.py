@@ -54,6 +54,7 @@ def test_the_zoos_hyperparameters_are_those_of_the_shipped_training(algo, same):
     own = load_config(algo).learning
     assert {name: zoo[name] for name in same} == {name: getattr(own, name) for name in same}
     assert float(zoo["learning_rate"].removeprefix("lin_")) == own.learning_rate
+    assert zoo["normalize"] == {"norm_obs": False, "norm_reward": True}, "returns of 2,000 and more; `sffr export`"
 
 
 @pytest.mark.parametrize("env", ["SFFRFlexDamping-v0", "SFFRFlex-v0"])

@@ -52,6 +52,10 @@ class BatchEpisodes(RobotEnvironment):
         self._drawn = {name: drawn for name, drawn in self._drawn.items() if drawn[1].any()}
         self._done[mask] = False
 
+    def _forget_stepper(self) -> None:
+        super()._forget_stepper()
+        self._draws = None
+
     def _draw(self, mask: Mask) -> None:
         """Draw and start episodes; keep the start of a scenario that draws nothing for all further ones."""
         rows = np.flatnonzero(mask).tolist()

@@ -250,7 +250,6 @@ class SFFRFlexVectorEnv(BatchEpisodes, VectorEnv[np.ndarray, np.ndarray, np.ndar
         for name in ("scenario", "fleet", "batch", "rngs", "seeds", "drawn", "ticks", "done"):
             setattr(self, f"_{name}", kept[name])
         self._forget_stepper()
-        self._draws = None
         for i, plant in checked.items():
             past = kept["trace"] and kept["trace"][i]
             title = self.scenario.name if past is None else past.title
